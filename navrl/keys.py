@@ -1,0 +1,46 @@
+"""Every TensorDict key of navrl: meaning, shape, unit and frame.
+
+Shapes are batch first and feature last; ``*B`` is any batch shape. Frames: *world* is the fixed map
+frame, *robot* has x forward and y left, and angles grow counter-clockwise. A transform takes any
+keys its user likes; these are the defaults.
+"""
+
+# --- raw outputs of the environment --------------------------------------------------------------
+RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams from straight ahead; maximum = no return
+POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
+PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
+
+# --- what the transforms make of them ------------------------------------------------------------
+RANGES_POOLED = "ranges_pooled"  # [*B, N] m
+POINTS = "points"  # [*B, N, 2] m, scan t, robot frame at t
+RETURNS = "returns"  # [*B, N] bool, the point is a real return
+PREVIOUS_POINTS = "points_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
+PREVIOUS_RETURNS = "returns_previous"  # [*B, N] bool
+ALIGNED_POINTS = "points_aligned"  # [*B, N, 2] m, scan t-1, robot frame at t
+ICP_TRANSFORM = "icp_transform"  # [*B, 3] T_target_source (x, y, yaw) of frame t-1 in frame t
+ICP_CONVERGED = "icp_converged"  # [*B, 1] bool
+ICP_INLIERS = "icp_inliers"  # [*B, 1] int64, matched pairs of the last iteration
+TAGD = "tagd"  # [*B, N_c, 4] m, (c_{t-1}, c_t), robot frame at t
+TAGD_VALID = "tagd_valid"  # [*B, N_c, 2] bool, whether the group at t-1 / t has points
+WAYPOINTS = "waypoints"  # [*B, N_f, 2] m, robot frame
+PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projection on the path
+
+# --- what the networks read (scaled to about [-1, 1]) --------------------------------------------
+SPATIAL_INPUT = "spatial"  # [*B, N, 2]
+SPATIAL_PREVIOUS_INPUT = "spatial_previous"  # [*B, N, 2], only for the NO-TAGD ablation
+TEMPORAL_INPUT = "temporal"  # [*B, N_c, 4]
+WAYPOINT_INPUT = "waypoint"  # [*B, N_f, 2]
+
+# --- what the agent writes -----------------------------------------------------------------------
+ACTION = "action"  # [*B, 2] (v, w); m/s and rad/s in the environment, [-1, 1] at the policy
+STATE_ACTION_VALUE = "state_action_value"  # [*B, 1]
+SPATIAL_ATTENTION = "spatial_attention"  # [*B, N_b] softmax weights over sectors, sum 1
+TEMPORAL_ATTENTION = "temporal_attention"  # [*B, N_c] softmax weights over descriptors, sum 1
+
+# --- outcome of a step ---------------------------------------------------------------------------
+OUTCOME = "outcome"  # [*B, 1] int64, navrl.envs.Outcome
+REWARD_TERMS = "reward_terms"  # nested {term: [*B, 1]}, weighted; they sum to the reward
+
+# --- privileged: the true state, never for a lidar policy ----------------------------------------
+PEDESTRIAN_BOXES = "pedestrian_boxes"  # [*B, K, 5] (cx, cy, hx, hy, yaw), world; NaN where absent
+PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; inf without people
