@@ -1,0 +1,136 @@
+"""What a simulator is: robots in scenarios, driven by (v, w), seen through a lidar.
+
+One interface, two simulators: :class:`navrl.sim.BatchedSimulator` for speed and
+:class:`navrl.sim.BulletSimulator` as the checked reference. The same scenario and the same commands
+give the same episode on both.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import IntEnum
+
+import torch
+from torch import Tensor
+
+from navrl.sim.lidar import Lidar
+from navrl.sim.robot import DifferentialDrive
+from navrl.worlds import ScenarioBatch
+
+
+class Contact(IntEnum):
+    """What the robot touches, told apart because a robot is not to blame for every contact.
+
+    Decided at the first substep at which the robot's disc reaches a box (distance <= 0). A wall
+    wins over a pedestrian touched in the same substep. A pedestrian contact is ``RUN_INTO`` unless
+    the robot drives forward faster than :data:`MOVING_SPEED` and the pedestrian's nearest point
+    lies ahead of the robot's centre: then it is ``PEDESTRIAN``. Among several pedestrians touched
+    in the same substep, ``PEDESTRIAN`` wins over ``RUN_INTO``.
+    """
+
+    NONE = 0
+    STATIC = 1  # the robot touched a wall or a piece of furniture
+    PEDESTRIAN = 2  # the robot moved into a pedestrian, walking or standing
+    RUN_INTO = 3  # a pedestrian moved into the robot
+
+
+MOVING_SPEED = 0.05  # m/s; a robot driving slower than this hits nobody, others hit it
+
+
+@dataclass
+class SimState:
+    """The true state of every world after a step: fresh tensors, never views of the simulator.
+
+    Args:
+        pose: [N, 3] float32 (x, y, yaw) of the robot, world; yaw in (-pi, pi].
+        velocity: [N, 2] float32 (v, w) driven at the end of the last step, m/s and rad/s.
+        contact: [N] int64 codes of :class:`Contact`.
+        pedestrians: [N, K, 5] float32 (cx, cy, hx, hy, yaw), world; NaN rows where absent.
+        time_s: [N] float32, time since the world's reset; stands still after a contact.
+    """
+
+    pose: Tensor
+    velocity: Tensor
+    contact: Tensor
+    pedestrians: Tensor
+    time_s: Tensor
+
+
+class Simulator(ABC):
+    """N independent worlds, each with one robot, walls and pedestrians on fixed routes.
+
+    A step lasts ``time_step_s`` and is cut into ``substeps``. At each substep the robot and the
+    pedestrians are moved to the new time, then contacts are looked for; a world freezes at its
+    first contact (pose, pedestrians and clock) and stays frozen, reporting that contact, until it
+    is reset. Pedestrians follow their routes in closed form of time, whatever the robot does.
+
+    Attributes:
+        num_worlds: N.
+        robot: the drive and its limits.
+        lidar: the beams; its noise is the environment's business, :meth:`ranges` has none.
+        time_step_s: duration of one :meth:`step`, s.
+        substeps: contact checks a step.
+        max_pedestrians: K, rows of :attr:`SimState.pedestrians` whatever the scenarios hold.
+        device: where the outputs live.
+    """
+
+    num_worlds: int
+    robot: DifferentialDrive
+    lidar: Lidar
+    time_step_s: float
+    substeps: int
+    max_pedestrians: int
+    device: torch.device
+
+    @abstractmethod
+    def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
+        """Put scenario ``i`` into world ``worlds[i]``: robot at its start, at rest, time zero.
+
+        Other worlds are untouched, bit for bit.
+
+        Args:
+            worlds: [M] int64, distinct world indices.
+            scenarios: M scenarios with at most ``max_pedestrians`` pedestrians each.
+
+        Raises:
+            ValueError: lengths differ, an index is out of range or repeated, or a scenario has
+                more pedestrians than ``max_pedestrians``.
+        """
+
+    @abstractmethod
+    def step(self, command: Tensor) -> SimState:
+        """Drive every robot for ``time_step_s``.
+
+        Args:
+            command: [N, 2] (v, w) in m/s and rad/s, clipped to the robot's limits.
+
+        Returns:
+            The state after the step.
+
+        Raises:
+            ValueError: wrong shape, or a value that is not finite.
+            RuntimeError: a world has not been reset yet.
+        """
+
+    @abstractmethod
+    def state(self) -> SimState:
+        """Return the current state without advancing time."""
+
+    @abstractmethod
+    def ranges(self) -> Tensor:
+        """Scan every world from its lidar's mount.
+
+        Returns:
+            [N, beams] float32 m, noise-free, exactly ``lidar.max_range`` where nothing is hit.
+        """
+
+    @abstractmethod
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything that :meth:`load_state_dict` needs to continue bit for bit."""
+
+    @abstractmethod
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Continue from what :meth:`state_dict` returned, of a simulator built alike."""
+
+    def close(self) -> None:
+        """Release what the simulator holds outside Python; a closed simulator is not used again."""
+        return None
