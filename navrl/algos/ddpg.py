@@ -1,0 +1,123 @@
+"""Deep deterministic policy gradient behind ``update(batch)``."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor
+from torchrl.objectives import DDPGLoss, SoftUpdate
+from torchrl.objectives.utils import ValueEstimators
+
+_PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
+
+
+class DDPG:
+    """TorchRL's DDPG loss, its two optimisers and the soft target update.
+
+    Args:
+        actor: Module writing ``action`` in [-1, 1].
+        critic: Module writing ``state_action_value`` from ``action`` and the observation.
+        gamma: Discount factor per step.
+        actor_learning_rate: Adam step size of the actor.
+        critic_learning_rate: Adam step size of the critic.
+        tau: Share of the online weights that enters the target weights after each update.
+        max_gradient_norm: Gradients of each network are clipped to this norm.
+        loss_function: ``"l2"`` or ``"smooth_l1"`` on the temporal difference.
+        precision: ``"float32"``, or ``"bfloat16"`` to run the matrix products under autocast.
+            Weights, targets and the optimiser stay float32 either way.
+
+    Raises:
+        ValueError: If an argument is out of range.
+
+    Reference:
+        Paper Sec. IV-B and V-A: gamma 0.98, learning rates 1e-4. Both target networks are delayed
+        (Lillicrap et al., 2016); the paper leaves tau, the loss and clipping open.
+    """
+
+    def __init__(
+        self,
+        actor: TensorDictModule,
+        critic: TensorDictModule,
+        gamma: float = 0.98,
+        actor_learning_rate: float = 1e-4,
+        critic_learning_rate: float = 1e-4,
+        tau: float = 0.005,
+        max_gradient_norm: float = 10.0,
+        loss_function: str = "l2",
+        precision: str = "float32",
+    ) -> None:
+        if not 0 <= gamma <= 1 or not 0 < tau <= 1:
+            raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
+        if min(actor_learning_rate, critic_learning_rate, max_gradient_norm) <= 0:
+            raise ValueError(
+                f"actor_learning_rate={actor_learning_rate}, critic_learning_rate="
+                f"{critic_learning_rate}, max_gradient_norm={max_gradient_norm}: must be > 0"
+            )
+        if precision not in _PRECISIONS:
+            raise ValueError(f"precision={precision!r}: must be one of {sorted(_PRECISIONS)}")
+        self.actor = actor
+        self.gamma = gamma
+        self.max_gradient_norm = max_gradient_norm
+        self._autocast_dtype = _PRECISIONS[precision]
+        self.loss = DDPGLoss(
+            actor, critic, loss_function=loss_function, delay_actor=True, delay_value=True
+        )
+        self.loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
+        self._actor_weights = list(self.loss.actor_network_params.parameters())
+        self._critic_weights = list(self.loss.value_network_params.parameters())
+        # Fused Adam does one pass over memory instead of a dozen.
+        self.actor_optimizer = torch.optim.Adam(
+            self._actor_weights, lr=actor_learning_rate, fused=True
+        )
+        self.critic_optimizer = torch.optim.Adam(
+            self._critic_weights, lr=critic_learning_rate, fused=True
+        )
+        self.target_update = SoftUpdate(self.loss, tau=tau)
+
+    def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
+        """Take one gradient step on both networks and move the targets.
+
+        Args:
+            batch: ``[B]`` transitions; ``td_error`` is written into it.
+
+        Returns:
+            Detached scalars: losses, mean value and target, gradient norms before clipping.
+        """
+        device = batch.device or self._actor_weights[0].device
+        with torch.autocast(
+            device.type, self._autocast_dtype, enabled=self._autocast_dtype is not None
+        ):
+            terms = self.loss(batch)
+        self.actor_optimizer.zero_grad(set_to_none=True)
+        self.critic_optimizer.zero_grad(set_to_none=True)
+        # Only the two losses: DDPGLoss also returns a prediction that is not detached.
+        (terms["loss_actor"] + terms["loss_value"]).backward()
+        clip = torch.nn.utils.clip_grad_norm_
+        actor_norm = clip(self._actor_weights, self.max_gradient_norm)
+        critic_norm = clip(self._critic_weights, self.max_gradient_norm)
+        self.actor_optimizer.step()
+        self.critic_optimizer.step()
+        self.target_update.step()
+        return {
+            "loss_actor": terms["loss_actor"].detach(),
+            "loss_critic": terms["loss_value"].detach(),
+            "q_mean": terms["pred_value"].detach().mean(),
+            "q_target_mean": terms["target_value"].detach().mean(),
+            "gradient_norm_actor": actor_norm,
+            "gradient_norm_critic": critic_norm,
+        }
+
+    def state_dict(self) -> dict:
+        """Return weights, target weights and optimiser states."""
+        return {
+            "loss": self.loss.state_dict(),
+            "actor_optimizer": self.actor_optimizer.state_dict(),
+            "critic_optimizer": self.critic_optimizer.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict) -> None:
+        """Restore what :meth:`state_dict` returned."""
+        self.loss.load_state_dict(state["loss"])
+        self.actor_optimizer.load_state_dict(state["actor_optimizer"])
+        self.critic_optimizer.load_state_dict(state["critic_optimizer"])

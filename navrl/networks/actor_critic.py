@@ -1,0 +1,119 @@
+"""Actor and critic: an encoder of their own each, and the output module."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+
+from navrl import keys
+from navrl.networks.encoder import Shapes
+from navrl.networks.mlp import mlp
+
+Encoder = Callable[..., nn.Module]
+
+
+class ActorNetwork(nn.Module):
+    """Map an observation to an action in [-1, 1].
+
+    Args:
+        encoder: Built encoder; see :class:`navrl.networks.StreamEncoder`.
+        action_size: Number of action dimensions.
+        hidden: Hidden layer sizes of the output module.
+        with_attention: Whether the attention weights are returned after the action.
+
+    Reference:
+        Paper Sec. IV-D, output module 128x64x64x2; tanh as in the authors' precursor.
+    """
+
+    def __init__(
+        self,
+        encoder: nn.Module,
+        action_size: int = 2,
+        hidden: Sequence[int] = (128, 64, 64),
+        with_attention: bool = False,
+    ) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.output = mlp(encoder.out_features, [*hidden, action_size])
+        self.with_attention = with_attention
+
+    def forward(self, *inputs: Tensor) -> Tensor | tuple[Tensor, ...]:
+        """Return the action ``[*B, action_size]``, and the weights if asked for."""
+        feature, *weights = self.encoder(*inputs)
+        action = torch.tanh(self.output(feature).float())
+        return (action, *weights) if self.with_attention else action
+
+
+class CriticNetwork(nn.Module):
+    """Map an observation and an action to the action's value.
+
+    Args:
+        encoder: Built encoder, sharing nothing with the actor's.
+        action_size: Number of action dimensions.
+        hidden: Hidden layer sizes of the output module.
+
+    Reference:
+        Paper Sec. IV-D, output module 128x64x64x1. The paper does not say where the action enters;
+        it joins the features after attention, as in the authors' precursor.
+    """
+
+    def __init__(
+        self, encoder: nn.Module, action_size: int = 2, hidden: Sequence[int] = (128, 64, 64)
+    ) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.output = mlp(encoder.out_features + action_size, [*hidden, 1])
+
+    def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
+        """Return the value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
+        feature = self.encoder(*inputs)[0]
+        return self.output(torch.cat([feature, action.to(feature.dtype)], dim=-1)).float()
+
+
+def make_actor(
+    encoder: Encoder,
+    shapes: Shapes,
+    action_size: int = 2,
+    hidden: Sequence[int] = (128, 64, 64),
+    with_attention: bool = False,
+) -> TensorDictModule:
+    """Build the actor as a TensorDict module.
+
+    Args:
+        encoder: Constructor of an encoder that still takes ``shapes``.
+        shapes: Feature shape (without batch) of every observed key, e.g. from the env's specs.
+        action_size: Number of action dimensions.
+        hidden: Hidden layer sizes of the output module.
+        with_attention: Whether ``<stream>_attention`` keys are written beside the action.
+
+    Returns:
+        A module that reads the encoder's keys and writes ``action`` in [-1, 1].
+
+    Raises:
+        ValueError: If the encoder needs a key that ``shapes`` lacks.
+    """
+    network = ActorNetwork(encoder(shapes=shapes), action_size, hidden, with_attention)
+    out_keys = [keys.ACTION, *(network.encoder.attention_keys if with_attention else [])]
+    return TensorDictModule(network, in_keys=network.encoder.in_keys, out_keys=out_keys)
+
+
+def make_critic(
+    encoder: Encoder,
+    shapes: Shapes,
+    action_size: int = 2,
+    hidden: Sequence[int] = (128, 64, 64),
+) -> TensorDictModule:
+    """Build the critic as a TensorDict module; arguments as in :func:`make_actor`.
+
+    Returns:
+        A module that reads ``action`` and the encoder's keys and writes ``state_action_value``.
+    """
+    network = CriticNetwork(encoder(shapes=shapes), action_size, hidden)
+    return TensorDictModule(
+        network,
+        in_keys=[keys.ACTION, *network.encoder.in_keys],
+        out_keys=[keys.STATE_ACTION_VALUE],
+    )

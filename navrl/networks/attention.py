@@ -1,0 +1,73 @@
+"""Location-based attention over the items of one stream."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import linear
+
+from navrl.networks.mlp import mlp
+
+
+class LocationAttention(nn.Module):
+    """Weigh items one by one and return the weighted sum of their features.
+
+    Items do not attend to each other: each is embedded, scored and turned into a feature alone, and
+    only the softmax over the scores couples them. A context (the waypoints) is part of every item.
+
+    Args:
+        item_size: Features of one item, without the context.
+        context_size: Features of the context that every item is joined with.
+        embedding: Layer sizes of the embedding network, ReLU after each.
+        score: Layer sizes of the score network, linear last layer; must end in 1.
+        feature: Layer sizes of the feature network, linear last layer.
+
+    Raises:
+        ValueError: If the score network does not end in one value.
+
+    Reference:
+        Paper Sec. IV-D2 and its two equations; layer sizes from its footnote. That the embedding's
+        last layer is activated and the others' are not follows the authors' public precursor.
+    """
+
+    def __init__(
+        self,
+        item_size: int,
+        context_size: int,
+        embedding: Sequence[int] = (256, 128, 64),
+        score: Sequence[int] = (60, 50, 1),
+        feature: Sequence[int] = (80, 50, 30),
+    ) -> None:
+        super().__init__()
+        if score[-1] != 1:
+            raise ValueError(f"score={list(score)}: the last layer must have size 1")
+        self.item_size = item_size
+        self.out_features = feature[-1]
+        self.embedding = mlp(item_size + context_size, embedding, activate_last=True)
+        self.score = mlp(embedding[-1], score)
+        self.feature = mlp(embedding[-1], feature)
+
+    def forward(self, items: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Attend.
+
+        Args:
+            items: ``[*B, n, item_size]``.
+            context: ``[*B, context_size]``, joined to each item.
+
+        Returns:
+            The weighted feature ``[*B, out_features]`` and the weights ``[*B, n]``, which sum to 1.
+        """
+        embedded = self.embedding[1:](self._first_layer(items, context))
+        weights = torch.softmax(self.score(embedded).squeeze(-1), dim=-1)
+        feature = self.feature(embedded)
+        return (weights.unsqueeze(-2) @ feature).squeeze(-2), weights
+
+    def _first_layer(self, items: Tensor, context: Tensor) -> Tensor:
+        # W [item, context] = W_i item + W_c context: the context's share is computed once for all
+        # items instead of once for each, and the joined vectors are never stored.
+        first = self.embedding[0]
+        shared = linear(context, first.weight[:, self.item_size :], first.bias)
+        own = linear(items, first.weight[:, : self.item_size])
+        return own.add_(shared.unsqueeze(-2))
