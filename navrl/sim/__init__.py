@@ -1,0 +1,25 @@
+"""Simulators: robots in scenarios, one step and one scan at a time."""
+
+from importlib import import_module
+
+from navrl.sim.lidar import Lidar
+from navrl.sim.robot import DifferentialDrive
+from navrl.sim.simulator import Contact, SimState, Simulator
+
+__all__ = [
+    "BatchedSimulator",
+    "BulletSimulator",
+    "Contact",
+    "DifferentialDrive",
+    "Lidar",
+    "SimState",
+    "Simulator",
+]
+
+_LAZY = {"BatchedSimulator": "navrl.sim.batched", "BulletSimulator": "navrl.sim.bullet"}
+
+
+def __getattr__(name: str):  # numba and pybullet are imported by those who simulate with them
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

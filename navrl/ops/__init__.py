@@ -1,0 +1,1 @@
+"""Batched maths: plain tensors in, plain tensors out; no TensorDict, no configuration."""

@@ -1,0 +1,78 @@
+"""The lidar: where its beams go and how its ranges scatter."""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from navrl.ops.noise import add_range_noise, noise_table
+
+
+class Lidar:
+    """A planar scanner: ``num_beams`` over the full circle, beam j at 2 pi j / num_beams.
+
+    Beam 0 points along the mount's x axis and angles grow counter-clockwise. Nothing within
+    ``max_range`` reads exactly ``max_range``. A scanner inside of a box reads 0 in every beam. The
+    robot itself is never seen.
+
+    Args:
+        num_beams: beams a scan.
+        max_range: cap, m.
+        noise: ``gaussian``, ``uniform`` or ``none``.
+        noise_amplitude: m; standard deviation of ``gaussian``, half width of ``uniform``.
+        mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
+        height: of the scan plane over the floor, m; PyBullet casts its rays there.
+
+    Raises:
+        ValueError: a value is outside of its range.
+
+    Reference:
+        Paper Sec. IV-A: RPLidar A3, 1,440 beams, capped at 3.5 m, noise "amplitude of 2.5 cm",
+        read here as the standard deviation of a beam; it is added on real returns only.
+    """
+
+    def __init__(
+        self,
+        num_beams: int = 1440,
+        max_range: float = 3.5,
+        noise: str = "gaussian",
+        noise_amplitude: float = 0.025,
+        mount: Sequence[float] = (0.0, 0.0, 0.0),
+        height: float = 0.5,
+    ) -> None:
+        if num_beams < 1:
+            raise ValueError(f"num_beams must be at least 1, got {num_beams}")
+        for name, value in (("max_range", max_range), ("height", height)):
+            if not (value > 0.0 and math.isfinite(value)):
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+        if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
+            raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
+        self.num_beams = int(num_beams)
+        self.max_range = float(max_range)
+        self.noise = noise
+        self.noise_amplitude = float(noise_amplitude)
+        self.mount = tuple(float(value) for value in mount)
+        self.height = float(height)
+        self._table = noise_table(noise, noise_amplitude)
+
+    def beam_angles(self) -> Tensor:
+        """Return [num_beams] float64 rad, each beam's angle in the mount's frame."""
+        return torch.arange(self.num_beams, dtype=torch.float64) * (2.0 * math.pi / self.num_beams)
+
+    def add_noise(self, ranges: Tensor, seed: Tensor, step: Tensor) -> Tensor:
+        """Return ``ranges`` with noise on every real return; see :func:`navrl.ops.noise`.
+
+        Args:
+            ranges: [N, num_beams] float32 m, noise-free; left as they are.
+            seed: [N] int64, the scenarios' ``noise_seed``.
+            step: [N] int64, steps since each world's reset.
+
+        Returns:
+            [N, num_beams] float32 m, a new tensor.
+        """
+        if self.noise == "none" or self.noise_amplitude == 0.0:
+            return ranges.clone()
+        if self._table.device != ranges.device:
+            self._table = self._table.to(ranges.device)
+        return add_range_noise(ranges, seed, step, self._table, self.max_range)
