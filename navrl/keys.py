@@ -39,6 +39,7 @@ TEMPORAL_ATTENTION = "temporal_attention"  # [*B, N_c] softmax weights over desc
 
 # --- outcome of a step ---------------------------------------------------------------------------
 OUTCOME = "outcome"  # [*B, 1] int64, navrl.envs.Outcome
+CONTACT = "contact"  # [*B, 1] int64, navrl.sim.Contact
 REWARD_TERMS = "reward_terms"  # nested {term: [*B, 1]}, weighted; they sum to the reward
 
 # --- privileged: the true state, never for a lidar policy ----------------------------------------

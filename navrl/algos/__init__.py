@@ -1,6 +1,6 @@
 """Learning algorithms on TorchRL's losses."""
 
-from navrl.algos.ddpg import DDPG
+from navrl.algos.ddpg import DDPG, NonFiniteUpdateError
 from navrl.algos.exploration import GaussianExploration
 
-__all__ = ["DDPG", "GaussianExploration"]
+__all__ = ["DDPG", "GaussianExploration", "NonFiniteUpdateError"]

@@ -9,6 +9,20 @@ from torch import Tensor
 from torchrl.objectives import DDPGLoss, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
+class NonFiniteUpdateError(FloatingPointError):
+    """A loss or gradient is NaN or infinite; raised before any weight changes.
+
+    Args:
+        terms: The scalars of the update.
+        batch: The transitions that led to it.
+    """
+
+    def __init__(self, terms: dict[str, Tensor], batch: TensorDictBase) -> None:
+        values = ", ".join(f"{name}={float(value):g}" for name, value in terms.items())
+        super().__init__(f"the update is not finite: {values}")
+        self.terms, self.batch = terms, batch
+
+
 _PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
 
 
@@ -83,6 +97,9 @@ class DDPG:
 
         Returns:
             Detached scalars: losses, mean value and target, gradient norms before clipping.
+
+        Raises:
+            NonFiniteUpdateError: If one of them is NaN or infinite; no weight has changed then.
         """
         device = batch.device or self._actor_weights[0].device
         with torch.autocast(
@@ -96,10 +113,7 @@ class DDPG:
         clip = torch.nn.utils.clip_grad_norm_
         actor_norm = clip(self._actor_weights, self.max_gradient_norm)
         critic_norm = clip(self._critic_weights, self.max_gradient_norm)
-        self.actor_optimizer.step()
-        self.critic_optimizer.step()
-        self.target_update.step()
-        return {
+        scalars = {
             "loss_actor": terms["loss_actor"].detach(),
             "loss_critic": terms["loss_value"].detach(),
             "q_mean": terms["pred_value"].detach().mean(),
@@ -107,6 +121,12 @@ class DDPG:
             "gradient_norm_actor": actor_norm,
             "gradient_norm_critic": critic_norm,
         }
+        if not torch.stack(list(scalars.values())).isfinite().all():
+            raise NonFiniteUpdateError(scalars, batch)
+        self.actor_optimizer.step()
+        self.critic_optimizer.step()
+        self.target_update.step()
+        return scalars
 
     def state_dict(self) -> dict:
         """Return weights, target weights and optimiser states."""

@@ -46,6 +46,7 @@ class GaussianExploration:
             )
         self.sigma_initial, self.sigma_final = sigma_initial, sigma_final
         self.annealing_frames = annealing_frames
+        self.action_size = len(std)
         self._module = AdditiveGaussianModule(
             spec=Bounded(-1.0, 1.0, shape=(len(std),)),
             action_key=keys.ACTION,

@@ -1,0 +1,16 @@
+"""The navigation environment, its rewards and outcomes."""
+
+from navrl.envs.navigation import NavigationEnv
+from navrl.envs.outcome import Outcome
+from navrl.envs.rewards import Collision, Goal, Guidance, Progress, Proximity, Transition
+
+__all__ = [
+    "Collision",
+    "Goal",
+    "Guidance",
+    "NavigationEnv",
+    "Outcome",
+    "Progress",
+    "Proximity",
+    "Transition",
+]

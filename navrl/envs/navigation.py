@@ -1,0 +1,268 @@
+"""The navigation task as a natively batched TorchRL environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from navrl import keys
+from navrl.envs.outcome import Outcome, classify
+from navrl.envs.rewards import Transition
+from navrl.ops.distance import point_box_distance
+from navrl.ops.path import path_length, project_onto_path
+from navrl.sim import Contact, SimState, Simulator
+from navrl.worlds import MAX_PATH_POINTS, ScenarioBatch, ScenarioPool
+
+RewardTerm = Callable[[Transition], Tensor]
+
+_STATE = ("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position")
+
+
+class NavigationEnv(EnvBase):
+    """Drive N robots to their goals among pedestrians that never give way.
+
+    **Action** ``action [N, 2]``: (v, w) in m/s and rad/s, within the robot's limits.
+
+    **Observation** (everything else is a transform's business):
+
+    ========  ==================  ======================================================
+    key       shape               meaning
+    ========  ==================  ======================================================
+    ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams from straight ahead
+    pose      ``[N, 3]``          (x, y, yaw), world frame
+    path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
+    outcome   ``[N, 1]``          :class:`Outcome` of the last step
+    contact   ``[N, 1]``          :class:`navrl.sim.Contact` of the last step
+    ========  ==================  ======================================================
+
+    With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
+    [N, 1]``, the true state, for metrics and for controllers that cheat.
+
+    **Reward** ``[N, 1]``: the sum of the terms; each is in ``reward_terms`` too.
+
+    **Start**: a scenario drawn by the environment's own generator, the robot at rest, facing along
+    its path. **End**: ``terminated`` on collision or goal; ``truncated`` at the step limit, so that
+    a value still bootstraps there.
+
+    Args:
+        simulator: Worlds to act in; its number of worlds is the batch size.
+        scenarios: Where training scenarios are drawn from; ``None`` if :meth:`set_scenarios` is
+            called before every reset.
+        rewards: Term per name; ``None`` leaves a term out.
+        goal_radius: m.
+        time_limit_steps: Steps after which an episode is truncated.
+        privileged: Whether the true state is observed too.
+        seed: Seed of the environment's generator.
+
+    Raises:
+        ValueError: If a limit is not positive.
+
+    Reference:
+        Paper Sec. III to V-A.
+    """
+
+    _batch_locked = True
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        scenarios: ScenarioPool | None,
+        rewards: Mapping[str, RewardTerm | None],
+        goal_radius: float = 0.2,
+        time_limit_steps: int = 150,
+        privileged: bool = False,
+        seed: int | None = None,
+    ) -> None:
+        if goal_radius <= 0 or time_limit_steps <= 0:
+            raise ValueError(
+                f"goal_radius={goal_radius}, time_limit_steps={time_limit_steps}: must be > 0"
+            )
+        super().__init__(device=simulator.device, batch_size=[simulator.num_worlds])
+        self.simulator, self.scenarios = simulator, scenarios
+        self.rewards = {name: term for name, term in rewards.items() if term is not None}
+        self.goal_radius, self.time_limit_steps = goal_radius, time_limit_steps
+        self.privileged = privileged
+        self.max_dynamic: int | None = None  # pedestrians a drawn scenario has at most (curriculum)
+        self._fixed: ScenarioBatch | None = None
+        self._generator = torch.Generator()
+        self._allocate()
+        self._make_specs()
+        self.set_seed(seed if seed is not None else torch.seed() % 2**31)
+
+    def set_scenarios(self, scenarios: ScenarioBatch | None) -> None:
+        """Fix what each world plays from its next reset on; ``None`` returns to drawing.
+
+        Args:
+            scenarios: One row a world.
+
+        Raises:
+            ValueError: If the number of rows is not the number of worlds.
+        """
+        if scenarios is not None and len(scenarios) != self.simulator.num_worlds:
+            raise ValueError(
+                f"scenarios: need one for each of {self.simulator.num_worlds} worlds, "
+                f"got {len(scenarios)}"
+            )
+        self._fixed = scenarios
+
+    # --- specs and state -------------------------------------------------------------------------
+
+    def _allocate(self) -> None:
+        n, device = self.simulator.num_worlds, self.device
+        self._path = torch.zeros(n, MAX_PATH_POINTS, 2, device=device)
+        self._path_length = torch.zeros(n, device=device)
+        self._goal = torch.zeros(n, 2, device=device)
+        self._position = torch.zeros(n, 2, device=device)
+        self._noise_seed = torch.zeros(n, dtype=torch.int64, device=device)
+        self._steps = torch.zeros(n, dtype=torch.int64, device=device)
+        self._progress = torch.zeros(n, device=device)
+
+    def _make_specs(self) -> None:
+        n, device = self.simulator.num_worlds, self.device
+        lidar, robot = self.simulator.lidar, self.simulator.robot
+        codes = {"dtype": torch.int64, "device": device}
+        observation = {
+            keys.RANGES: Bounded(0.0, lidar.max_range, shape=(n, lidar.num_beams), device=device),
+            keys.POSE: Unbounded((n, 3), device=device),
+            keys.PATH: Unbounded((n, MAX_PATH_POINTS, 2), device=device),
+            keys.OUTCOME: Categorical(len(Outcome), shape=(n, 1), **codes),
+            keys.CONTACT: Categorical(len(Contact), shape=(n, 1), **codes),
+            keys.REWARD_TERMS: Composite(
+                {name: Unbounded((n, 1), device=device) for name in self.rewards}, shape=(n,)
+            ),
+        }
+        if self.privileged:
+            k = self.simulator.max_pedestrians
+            observation[keys.PEDESTRIAN_BOXES] = Unbounded((n, k, 5), device=device)
+            observation[keys.PEDESTRIAN_CLEARANCE] = Unbounded((n, 1), device=device)
+        self.observation_spec = Composite(observation, shape=(n,), device=device)
+        low = torch.tensor([robot.min_speed, -robot.max_turn_rate], device=device)
+        high = torch.tensor([robot.max_speed, robot.max_turn_rate], device=device)
+        self.action_spec = Bounded(
+            low.expand(n, 2).contiguous(), high.expand(n, 2).contiguous(), device=device
+        )
+        self.reward_spec = Unbounded((n, 1), device=device)
+        done = {"dtype": torch.bool, "device": device}
+        self.full_done_spec = Composite(
+            {key: Binary(1, (n, 1), **done) for key in ("done", "terminated", "truncated")},
+            shape=(n,),
+            device=device,
+        )
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._generator.manual_seed(0 if seed is None else seed)
+
+    def episode_state(self) -> dict[str, Tensor | dict[str, Tensor]]:
+        """Return all that a resumed environment needs to go on bit for bit."""
+        return {
+            "simulator": self.simulator.state_dict(),
+            "generator": self._generator.get_state(),
+            **{name: getattr(self, name).clone() for name in _STATE},
+        }
+
+    def load_episode_state(self, state: Mapping[str, Tensor | dict[str, Tensor]]) -> None:
+        """Restore what :meth:`episode_state` returned."""
+        self.simulator.load_state_dict(state["simulator"])
+        self._generator.set_state(state["generator"])
+        for name in _STATE:
+            setattr(self, name, state[name].to(self.device).clone())
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Close the simulator too."""
+        if not self.is_closed:
+            self.simulator.close()
+        super().close(raise_if_closed=raise_if_closed)
+
+    # --- dynamics --------------------------------------------------------------------------------
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        n = self.simulator.num_worlds
+        worlds = torch.arange(n) if mask is None else mask.reshape(n).nonzero().squeeze(-1).cpu()
+        batch = self._draw(worlds)
+        self.simulator.reset(worlds, batch)
+        state = self.simulator.state()
+        rows = worlds.to(self.device)
+        batch = batch.to(self.device)
+        # New tensors instead of writes: what an earlier step returned must never change.
+        self._path = self._path.index_put((rows,), batch.path.float())
+        self._path_length = path_length(self._path)
+        self._goal = self._goal.index_put((rows,), batch.goal.float())
+        self._noise_seed = self._noise_seed.index_put((rows,), batch.noise_seed)
+        self._steps = self._steps.index_fill(0, rows, 0)
+        self._position = state.pose[:, :2]
+        progress, _ = project_onto_path(self._path, self._position)
+        self._progress = self._progress.index_put((rows,), progress[rows])
+        zeros = torch.zeros(n, 1, device=self.device)
+        terms = dict.fromkeys(self.rewards, zeros)
+        outcome = torch.full_like(state.contact, Outcome.RUNNING)
+        return self._observe(state, self.simulator.ranges(), outcome, terms)
+
+    def _draw(self, worlds: Tensor) -> ScenarioBatch:
+        if self._fixed is not None:
+            return self._fixed[worlds]
+        if self.scenarios is None:
+            raise ValueError("scenarios=None: call set_scenarios() before reset()")
+        return self.scenarios.draw(self._generator, len(worlds), self.max_dynamic)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        state = self.simulator.step(tensordict.get(keys.ACTION))
+        ranges = self.simulator.ranges()
+        self._steps = self._steps + 1
+        position, before = state.pose[:, :2], self._progress
+        self._progress, _ = project_onto_path(self._path, position, before)
+        self._position = position
+        outcome = classify(
+            state.contact,
+            (self._goal - position).norm(dim=-1),
+            self.goal_radius,
+            self._steps >= self.time_limit_steps,
+        )
+        transition = Transition(
+            position=position,
+            path=self._path,
+            path_length=self._path_length,
+            progress_before=before,
+            progress=self._progress,
+            nearest=ranges.amin(dim=-1),
+            collided=state.contact != Contact.NONE,
+            reached=outcome == Outcome.SUCCESS,
+            robot_radius=self.simulator.robot.radius,
+        )
+        terms = {name: term(transition).unsqueeze(-1) for name, term in self.rewards.items()}
+        result = self._observe(state, ranges, outcome, terms)
+        truncated = (outcome == Outcome.TIMEOUT).unsqueeze(-1)
+        terminated = (outcome != Outcome.RUNNING).unsqueeze(-1) & ~truncated
+        reward = torch.stack(list(terms.values())).sum(0) if terms else torch.zeros_like(truncated)
+        return result.update(
+            {
+                "reward": reward.float(),
+                "terminated": terminated,
+                "truncated": truncated,
+                "done": terminated | truncated,
+            }
+        )
+
+    def _observe(
+        self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
+    ) -> TensorDict:
+        noisy = self.simulator.lidar.add_noise(ranges, self._noise_seed, self._steps)
+        observation = {
+            keys.RANGES: noisy,
+            keys.POSE: state.pose,
+            keys.PATH: self._path,
+            keys.OUTCOME: outcome.unsqueeze(-1),
+            keys.CONTACT: state.contact.unsqueeze(-1),
+            keys.REWARD_TERMS: TensorDict(dict(terms), self.batch_size, device=self.device),
+        }
+        if self.privileged:
+            distance = point_box_distance(state.pose[:, :2], state.pedestrians)
+            clearance = distance.amin(dim=-1, keepdim=True) - self.simulator.robot.radius
+            observation[keys.PEDESTRIAN_BOXES] = state.pedestrians
+            observation[keys.PEDESTRIAN_CLEARANCE] = clearance.clamp_min(0.0)
+        return TensorDict(observation, self.batch_size, device=self.device)

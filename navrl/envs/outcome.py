@@ -1,0 +1,53 @@
+"""How an episode can end: the one definition that training, evaluation and pictures share."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import torch
+from torch import Tensor
+
+from navrl.sim import Contact
+
+
+class Outcome(IntEnum):
+    """What a step led to; everything but ``RUNNING`` ends the episode.
+
+    - ``SUCCESS``: the robot's centre is within the goal radius at the end of a step, and no contact
+      happened in that step.
+    - ``COLLISION_PEDESTRIAN``: any contact with a pedestrian, whoever moved into whom
+      (``contact`` tells).
+    - ``COLLISION_STATIC``: contact with a wall or furniture.
+    - ``TIMEOUT``: the step limit is reached without any of the above.
+
+    Reference:
+        Paper Sec. V-A: collision, timeout after 150 steps, goal within 0.2 m.
+    """
+
+    RUNNING = 0
+    SUCCESS = 1
+    COLLISION_PEDESTRIAN = 2
+    COLLISION_STATIC = 3
+    TIMEOUT = 4
+
+
+def classify(contact: Tensor, goal_distance: Tensor, goal_radius: float, timed_out: Tensor) -> Tensor:
+    """Decide the outcome of a step.
+
+    Args:
+        contact: ``[N]`` codes of :class:`navrl.sim.Contact`.
+        goal_distance: ``[N]`` m, robot centre to goal.
+        goal_radius: m.
+        timed_out: ``[N]`` bool, the step limit is reached.
+
+    Returns:
+        ``[N]`` int64 codes of :class:`Outcome`; a contact outranks the goal, the goal the limit.
+    """
+    outcome = torch.full_like(contact, Outcome.RUNNING, dtype=torch.int64)
+    outcome[timed_out] = Outcome.TIMEOUT
+    outcome[goal_distance <= goal_radius] = Outcome.SUCCESS
+    outcome[(contact == Contact.PEDESTRIAN) | (contact == Contact.RUN_INTO)] = (
+        Outcome.COLLISION_PEDESTRIAN
+    )
+    outcome[contact == Contact.STATIC] = Outcome.COLLISION_STATIC
+    return outcome

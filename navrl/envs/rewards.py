@@ -1,0 +1,155 @@
+"""Reward terms: one small class each, its weight included, summed and logged one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from navrl.ops.path import point_at
+
+
+@dataclass(frozen=True)
+class Transition:
+    """What the reward terms see of one step of N worlds.
+
+    Args:
+        position: ``[N, 2]`` m, robot centre after the step, world.
+        path: ``[N, P, 2]`` m, global path, world.
+        path_length: ``[N]`` m.
+        progress_before: ``[N]`` m, arc length of the robot's projection on the path at s_t.
+        progress: ``[N]`` m, the same at s_{t+1}.
+        nearest: ``[N]`` m, noise-free nearest return from the lidar's centre at s_{t+1}.
+        collided: ``[N]`` bool.
+        reached: ``[N]`` bool, the goal was reached.
+        robot_radius: m.
+    """
+
+    position: Tensor
+    path: Tensor
+    path_length: Tensor
+    progress_before: Tensor
+    progress: Tensor
+    nearest: Tensor
+    collided: Tensor
+    reached: Tensor
+    robot_radius: float
+
+
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise ValueError(f"{name}={value!r}: must be one of {list(allowed)}")
+
+
+@dataclass(frozen=True)
+class Collision:
+    """-weight, once, at any contact.
+
+    Reference:
+        Paper Sec. IV-C, r_collision with alpha_1 = 10.
+    """
+
+    weight: float = 10.0
+
+    def __call__(self, step: Transition) -> Tensor:
+        return -self.weight * step.collided.float()
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """-weight times the distance to a point ahead on the path.
+
+    Args:
+        weight: per m.
+        lookahead: m along the path from the robot's projection to the guidance point.
+        point: ``"before_move"`` takes the point at s_t, so driving towards it pays;
+            ``"after_move"`` takes it at s_{t+1}, where driving and standing still cost the same.
+
+    Reference:
+        Paper Sec. IV-C, r_guide with alpha_2 = 0.2 and 0.6 m. The paper does not say at which of
+        the two states the point is taken.
+    """
+
+    weight: float = 0.2
+    lookahead: float = 0.6
+    point: str = "before_move"
+
+    def __post_init__(self) -> None:
+        _one_of("point", self.point, ("before_move", "after_move"))
+
+    def __call__(self, step: Transition) -> Tensor:
+        progress = step.progress_before if self.point == "before_move" else step.progress
+        target = point_at(step.path, progress + self.lookahead)
+        return -self.weight * (target - step.position).norm(dim=-1)
+
+
+@dataclass(frozen=True)
+class Proximity:
+    """-weight times how far the nearest obstacle is inside ``distance``.
+
+    Args:
+        weight: per m.
+        distance: m, d_prox.
+        measured_from: ``"lidar"`` (its centre) or ``"hull"`` (the robot's radius taken off).
+
+    Reference:
+        Paper Sec. IV-C, r_prox with alpha_3 = 3 and d_prox = 0.5 m. "Between robot and obstacle"
+        is read as from the lidar's centre, after the authors' precursor.
+    """
+
+    weight: float = 3.0
+    distance: float = 0.5
+    measured_from: str = "lidar"
+
+    def __post_init__(self) -> None:
+        _one_of("measured_from", self.measured_from, ("lidar", "hull"))
+
+    def __call__(self, step: Transition) -> Tensor:
+        hull = step.robot_radius if self.measured_from == "hull" else 0.0
+        return -self.weight * (self.distance - (step.nearest - hull)).clamp_min(0.0)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """+weight, once, at the goal. Not in the paper."""
+
+    weight: float = 10.0
+
+    def __call__(self, step: Transition) -> Tensor:
+        return self.weight * step.reached.float()
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Weight times the metres gained along the path. Not in the paper.
+
+    With the potential Phi = -(remaining path length), the two forms are
+
+    - ``"difference"``: Phi(s') - Phi(s);
+    - ``"potential"``: gamma Phi(s') - Phi(s) with Phi = 0 at terminal states, which leaves the
+      optimal policy of the other terms unchanged but pays an early collision the remaining length.
+
+    Args:
+        weight: per m.
+        form: see above.
+        gamma: discount of the learner, only for ``"potential"``.
+
+    Reference:
+        Ng, Harada and Russell, "Policy invariance under reward transformations", ICML 1999.
+    """
+
+    weight: float = 2.0
+    form: str = "difference"
+    gamma: float = 0.98
+
+    def __post_init__(self) -> None:
+        _one_of("form", self.form, ("difference", "potential"))
+
+    def __call__(self, step: Transition) -> Tensor:
+        gained = step.progress - step.progress_before
+        if self.form == "difference":
+            return self.weight * gained
+        before = step.progress_before - step.path_length
+        after = torch.where(step.collided | step.reached, 0.0, step.progress - step.path_length)
+        return self.weight * (self.gamma * after - before)

@@ -1,0 +1,19 @@
+"""Training: the loop, its replay, curriculum, checkpoints and logs."""
+
+from navrl.training.behaviour import Behaviour
+from navrl.training.checkpoint import CheckpointStore
+from navrl.training.curriculum import Curriculum
+from navrl.training.metrics_log import MetricsLog
+from navrl.training.replay import Replay
+from navrl.training.trainer import Progress, Schedule, Trainer
+
+__all__ = [
+    "Behaviour",
+    "CheckpointStore",
+    "Curriculum",
+    "MetricsLog",
+    "Progress",
+    "Replay",
+    "Schedule",
+    "Trainer",
+]

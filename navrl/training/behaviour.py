@@ -1,0 +1,69 @@
+"""What acts while experience is collected: the actor, its noise, and guides in some worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
+from navrl import keys
+from navrl.algos import GaussianExploration
+
+
+class Behaviour:
+    """Act in a batch of worlds to collect experience.
+
+    Args:
+        actor: The policy in training, writing a normalised action.
+        exploration: Noise on the actions.
+        guide: A controller that writes a normalised action too; ``None`` for none.
+        guided_fraction: Share of the worlds driven by the guide (with noise). Their transitions
+            enter the replay like all others: DDPG is off-policy. Not in the paper.
+        guided_frames: Frames after which the guide leaves; ``None`` for never.
+        random_frames: Frames at the start during which the other worlds act uniformly at random.
+
+    Raises:
+        ValueError: If a share is outside [0, 1], a count is negative or a guide is missing.
+    """
+
+    def __init__(
+        self,
+        actor: TensorDictModuleBase,
+        exploration: GaussianExploration,
+        guide: Callable[[TensorDictBase], TensorDictBase] | None = None,
+        guided_fraction: float = 0.0,
+        guided_frames: int | None = None,
+        random_frames: int = 10_000,
+    ) -> None:
+        if not 0 <= guided_fraction <= 1 or random_frames < 0:
+            raise ValueError(
+                f"guided_fraction={guided_fraction}: must be in [0, 1]; "
+                f"random_frames={random_frames}: must be >= 0"
+            )
+        if guided_fraction and guide is None:
+            raise ValueError(f"guided_fraction={guided_fraction}: needs a guide, got None")
+        self.actor, self.exploration, self.guide = actor, exploration, guide
+        self.guided_fraction = guided_fraction
+        self.guided_frames, self.random_frames = guided_frames, random_frames
+
+    @torch.no_grad()
+    def act(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
+        """Write ``action [N, 2]`` in [-1, 1] into ``tensordict`` after ``frames`` env steps."""
+        if frames < self.random_frames:
+            shape = (len(tensordict), self.exploration.action_size)
+            tensordict.set(keys.ACTION, torch.rand(shape, device=tensordict.device) * 2 - 1)
+        else:
+            self.actor(tensordict)
+        guided = self._num_guided(len(tensordict), frames)
+        if guided:
+            action = tensordict.get(keys.ACTION).clone()
+            action[:guided] = self.guide(tensordict[:guided].copy()).get(keys.ACTION)
+            tensordict.set(keys.ACTION, action)
+        return self.exploration(tensordict, frames)
+
+    def _num_guided(self, num_worlds: int, frames: int) -> int:
+        if self.guided_frames is not None and frames >= self.guided_frames:
+            return 0
+        return round(self.guided_fraction * num_worlds)

@@ -1,0 +1,44 @@
+"""Curriculum: more pedestrians once the robot copes with the present number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class Curriculum:
+    """Raise the maximum number of dynamic pedestrians level by level.
+
+    Args:
+        levels: Maximum number of dynamic pedestrians of each level.
+        threshold: Evaluation success rate above which the next level starts; never falls back.
+        start: Index of the first level.
+
+    Raises:
+        ValueError: If levels are empty, not increasing or not positive, or the threshold is not a
+            rate.
+
+    Reference:
+        Paper Sec. IV-E1: N_dyn^max in {2, 4, 8}, raised when the success rate exceeds 70 %.
+    """
+
+    def __init__(
+        self, levels: Sequence[int] = (2, 4, 8), threshold: float = 0.7, start: int = 0
+    ) -> None:
+        if not levels or any(a >= b for a, b in zip([0, *levels], levels, strict=False)):
+            raise ValueError(f"levels={list(levels)}: must be positive and increasing")
+        if not 0 <= threshold <= 1:
+            raise ValueError(f"threshold={threshold}: must be in [0, 1]")
+        if not 0 <= start < len(levels):
+            raise ValueError(f"start={start}: must be in [0, {len(levels) - 1}]")
+        self.levels, self.threshold, self.level = tuple(levels), threshold, start
+
+    @property
+    def max_dynamic(self) -> int:
+        """Maximum number of dynamic pedestrians at the present level."""
+        return self.levels[self.level]
+
+    def report(self, success_rate: float) -> bool:
+        """Take an evaluation's success rate; return whether the level rose."""
+        rises = success_rate > self.threshold and self.level + 1 < len(self.levels)
+        self.level += int(rises)
+        return rises

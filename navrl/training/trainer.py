@@ -1,0 +1,306 @@
+"""The training loop: collect, learn, evaluate, checkpoint."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs import TransformedEnv
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+from tqdm import tqdm
+
+from navrl import keys
+from navrl.algos import DDPG, NonFiniteUpdateError
+from navrl.envs import Outcome
+from navrl.training.behaviour import Behaviour
+from navrl.training.checkpoint import CheckpointStore
+from navrl.training.curriculum import Curriculum
+from navrl.training.metrics_log import MetricsLog
+from navrl.training.replay import Replay
+
+Evaluate = Callable[[int], Mapping[str, float]]
+OnBest = Callable[[Mapping[str, float]], None]
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How much of what, and how often.
+
+    Args:
+        total_frames: Environment steps (all worlds together) after which training ends.
+        frames_per_update: Environment steps per gradient update.
+        learning_starts: Environment steps before the first update.
+        evaluate_every_updates: Updates between evaluations.
+        log_every_updates: Updates between rows of the log.
+        checkpoint_every_s: Wall-clock seconds between checkpoints.
+
+    Raises:
+        ValueError: If a value is not positive.
+    """
+
+    total_frames: int = 3_000_000
+    frames_per_update: float = 32
+    learning_starts: int = 10_000
+    evaluate_every_updates: int = 2_000
+    log_every_updates: int = 200
+    checkpoint_every_s: float = 180.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value <= 0 and name != "learning_starts":
+                raise ValueError(f"{name}={value}: must be > 0")
+
+
+@dataclass
+class Progress:
+    """Counters of a run; all that is not a weight, a buffer or a world."""
+
+    frames: int = 0
+    updates: int = 0
+    episodes: int = 0
+    best_level: int = -1
+    best_success_rate: float = -1.0
+    seconds: float = 0.0
+
+
+@dataclass
+class _Window:
+    """Sums since the last row of the log."""
+
+    terms: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    outcomes: Counter = field(default_factory=Counter)
+    learning: dict[str, torch.Tensor] = field(default_factory=dict)
+    phases: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    frames: int = 0
+    updates: int = 0
+
+
+class Trainer:
+    """Train a policy until the schedule ends; killed at any moment, it resumes bit for bit.
+
+    Args:
+        env: Batched environment with its transforms.
+        behaviour: What acts while collecting.
+        algorithm: What learns.
+        replay: Where experience is kept.
+        curriculum: Number of pedestrians.
+        evaluate: Maps a maximum number of dynamic pedestrians to metrics with ``success_rate``.
+        on_best: Called with the metrics of every evaluation that beats all before it, at the
+            highest level reached so far.
+        schedule: Amounts and intervals.
+        folder: Run folder: ``metrics.csv``, ``tensorboard/``, ``checkpoint/``.
+        progress_bar: Whether to show one.
+
+    Reference:
+        Paper Sec. V-A: regular evaluation; the best checkpoint of the highest level is kept.
+    """
+
+    def __init__(
+        self,
+        env: TransformedEnv,
+        behaviour: Behaviour,
+        algorithm: DDPG,
+        replay: Replay,
+        curriculum: Curriculum,
+        evaluate: Evaluate,
+        on_best: OnBest,
+        schedule: Schedule,
+        folder: Path,
+        progress_bar: bool = True,
+    ) -> None:
+        self.env, self.behaviour, self.algorithm, self.replay = env, behaviour, algorithm, replay
+        self.curriculum, self.evaluate, self.on_best = curriculum, evaluate, on_best
+        self.schedule, self.folder, self.progress_bar = schedule, Path(folder), progress_bar
+        self.checkpoints = CheckpointStore(self.folder / "checkpoint")
+        self.progress = Progress()
+        self._carrier: TensorDictBase | None = None
+        self._window = _Window()
+
+    def run(self) -> Progress:
+        """Train, resuming from the folder's checkpoint if there is one.
+
+        Returns:
+            The counters at the end.
+
+        Raises:
+            NonFiniteUpdateError: If an update is not finite; the batch and the weights before it
+                are saved in ``<folder>/not_finite.pt``.
+        """
+        resumed = self.checkpoints.exists
+        if resumed:
+            self._restore()
+        log = MetricsLog(self.folder, resume_frames=self.progress.frames if resumed else None)
+        bar = tqdm(
+            total=self.schedule.total_frames,
+            initial=self.progress.frames,
+            unit="frame",
+            unit_scale=True,
+            disable=not self.progress_bar,
+        )
+        try:
+            with set_exploration_type(ExplorationType.RANDOM):
+                self._loop(log, bar)
+        finally:
+            bar.close()
+            log.close()
+        return self.progress
+
+    def _loop(self, log: MetricsLog, bar: tqdm) -> None:
+        schedule, progress = self.schedule, self.progress
+        self.env.base_env.max_dynamic = self.curriculum.max_dynamic
+        if self._carrier is None:
+            self._carrier = self.env.reset()
+        last_checkpoint = started = time.monotonic()
+        seconds_before = progress.seconds
+        while progress.frames < schedule.total_frames:
+            self._collect()
+            bar.update(self.env.batch_size.numel())
+            before = progress.updates
+            while progress.updates < self._updates_due():
+                self._update()
+            progress.seconds = seconds_before + time.monotonic() - started
+            if _crossed(before, progress.updates, schedule.log_every_updates):
+                self._report(log, bar)
+            if _crossed(before, progress.updates, schedule.evaluate_every_updates):
+                self._evaluate(log)
+            if time.monotonic() - last_checkpoint > schedule.checkpoint_every_s:
+                self._save()
+                last_checkpoint = time.monotonic()
+        self._evaluate(log)
+        self._save()
+
+    def _updates_due(self) -> float:
+        frames = self.progress.frames - self.schedule.learning_starts
+        return frames / self.schedule.frames_per_update
+
+    # --- one iteration ---------------------------------------------------------------------------
+
+    def _collect(self) -> None:
+        """Step every world once and store what happened."""
+        window = self._window
+        with torch.no_grad():
+            with self._phase("act"):
+                self.behaviour.act(self._carrier, self.progress.frames)
+            with self._phase("environment"):
+                stepped, self._carrier = self.env.step_and_maybe_reset(self._carrier)
+            with self._phase("replay_write"):
+                self.replay.extend(stepped)
+        following = stepped["next"]
+        for name, term in following[keys.REWARD_TERMS].items():
+            window.terms[name] += float(term.sum())
+        ended = following[keys.OUTCOME][following["done"]]
+        window.outcomes.update(ended.tolist())
+        frames = stepped.numel()
+        window.frames += frames
+        self.progress.frames += frames
+        self.progress.episodes += len(ended)
+
+    def _update(self) -> None:
+        with self._phase("replay_sample"):
+            batch = self.replay.sample()
+        with self._phase("update"):
+            try:
+                scalars = self.algorithm.update(batch)
+            except NonFiniteUpdateError as error:
+                file = self.folder / "not_finite.pt"
+                state = {"batch": error.batch.to_dict(), "algorithm": self.algorithm.state_dict()}
+                torch.save(state, file)
+                error.add_note(f"the batch and the weights before it are in {file}")
+                raise
+        for name, value in scalars.items():
+            self._window.learning[name] = self._window.learning.get(name, 0.0) + value
+        self._window.updates += 1
+        self.progress.updates += 1
+
+    @contextmanager
+    def _phase(self, name: str):
+        start = time.perf_counter()
+        yield
+        self._window.phases[name] += time.perf_counter() - start
+
+    # --- reports ---------------------------------------------------------------------------------
+
+    def _report(self, log: MetricsLog, bar: tqdm) -> None:
+        window, self._window = self._window, _Window()
+        seconds = sum(window.phases.values())
+        ended = max(sum(window.outcomes.values()), 1)
+        rates = {
+            f"train/{outcome.name.lower()}_rate": window.outcomes[outcome] / ended
+            for outcome in Outcome
+            if outcome is not Outcome.RUNNING
+        }
+        frames = max(window.frames, 1)
+        log.log(
+            self.progress.frames,
+            self.progress.updates,
+            {
+                **{f"reward/{k}": v / frames for k, v in window.terms.items()},
+                **rates,
+                **{f"learn/{k}": float(v) / window.updates for k, v in window.learning.items()},
+                **{f"seconds/{k}": v / window.updates for k, v in window.phases.items()},
+                "train/episodes": self.progress.episodes,
+                "train/max_dynamic": self.curriculum.max_dynamic,
+                "train/sigma": self.behaviour.exploration.sigma(self.progress.frames),
+                "speed/frames_per_s": window.frames / seconds,
+                "speed/updates_per_s": window.updates / seconds,
+            },
+        )
+        bar.set_postfix(
+            success=f"{rates['train/success_rate']:.0%}",
+            best=f"{max(self.progress.best_success_rate, 0):.0%}",
+            people=self.curriculum.max_dynamic,
+            updates_per_s=f"{window.updates / seconds:.1f}",
+        )
+
+    def _evaluate(self, log: MetricsLog) -> None:
+        """Evaluate at the present level; keep the policy if best; perhaps raise the level."""
+        progress, level = self.progress, self.curriculum.level
+        start = time.monotonic()
+        metrics = dict(self.evaluate(self.curriculum.max_dynamic))
+        rate = metrics["success_rate"]
+        row = {f"evaluation/{name}": value for name, value in metrics.items()}
+        row["evaluation/max_dynamic"] = self.curriculum.max_dynamic
+        row["seconds/evaluation"] = time.monotonic() - start
+        log.log(progress.frames, progress.updates, row)
+        if (level, rate) > (progress.best_level, progress.best_success_rate):
+            progress.best_level, progress.best_success_rate = level, rate
+            self.on_best({**metrics, "frames": progress.frames, "updates": progress.updates})
+        if self.curriculum.report(rate):
+            self.env.base_env.max_dynamic = self.curriculum.max_dynamic
+
+    # --- checkpoints -----------------------------------------------------------------------------
+
+    def _save(self) -> None:
+        self.checkpoints.save(
+            {
+                "progress": vars(self.progress),
+                "curriculum_level": self.curriculum.level,
+                "algorithm": self.algorithm.state_dict(),
+                "replay": self.replay.save(self.checkpoints.journal),
+                "environment": self.env.base_env.episode_state(),
+                "carrier": self._carrier.to_dict(),
+                "rng": torch.get_rng_state(),
+            }
+        )
+        self.replay.prune(self.checkpoints.journal)
+
+    def _restore(self) -> None:
+        state = self.checkpoints.load()
+        self.progress = Progress(**state["progress"])
+        self.curriculum.level = state["curriculum_level"]
+        self.algorithm.load_state_dict(state["algorithm"])
+        self.replay.load(self.checkpoints.journal, state["replay"])
+        self.env.reset()
+        self.env.base_env.load_episode_state(state["environment"])
+        self._carrier = TensorDict(state["carrier"], self.env.batch_size)
+        torch.set_rng_state(state["rng"])
+
+
+def _crossed(before: int, after: int, interval: int) -> bool:
+    return before // interval != after // interval
