@@ -1,0 +1,132 @@
+"""DDPG's targets, gradients and target updates are the textbook's."""
+
+from functools import partial
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from navrl.algos import DDPG, GaussianExploration, NonFiniteUpdateError
+from navrl.networks import AttentionStream, StreamEncoder, make_actor, make_critic
+
+SHAPES = {"spatial": (180, 2), "waypoint": (5, 2)}
+SMALL = {"embedding": (16,), "score": (1,), "feature": (8,)}
+ENCODER = partial(
+    StreamEncoder, streams={"spatial": partial(AttentionStream, in_key="spatial", **SMALL)}
+)
+
+
+def agent(**options) -> DDPG:
+    torch.manual_seed(0)
+    return DDPG(make_actor(ENCODER, SHAPES), make_critic(ENCODER, SHAPES), **options)
+
+
+def batch(size: int = 8) -> TensorDict:
+    def observed():
+        return {key: torch.randn(size, *shape) for key, shape in SHAPES.items()}
+
+    flags = torch.zeros(size, 1, dtype=torch.bool)
+    following = {"reward": torch.randn(size, 1), "done": flags, "terminated": flags.clone()}
+    return TensorDict(
+        {
+            **observed(),
+            "action": torch.rand(size, 2) * 2 - 1,
+            "next": TensorDict({**observed(), **following}, [size]),
+        },
+        [size],
+    )
+
+
+def test_target_bootstraps_at_timeouts_and_not_at_collisions():
+    ddpg, data = agent(gamma=0.9), batch()
+    data["next", "done"][:4] = True  # ends of episodes,
+    data["next", "terminated"][:2] = True  # the first two by collision or goal
+    terms = ddpg.loss(data)
+    with torch.no_grad():
+        critic = ddpg.loss.value_network
+        following = data["next"].select(*SHAPES)
+        with ddpg.loss.target_actor_network_params.to_module(ddpg.loss.actor_network):
+            ddpg.loss.actor_network(following)
+        with ddpg.loss.target_value_network_params.to_module(critic):
+            value = critic(following)["state_action_value"].squeeze(-1)
+    alive = torch.tensor([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    expected = data["next", "reward"].squeeze(-1) + 0.9 * alive * value
+    torch.testing.assert_close(terms["target_value"], expected)
+
+
+def test_an_update_moves_both_networks_and_the_targets_by_tau():
+    ddpg = agent(tau=0.25)
+    before = {k: v.clone() for k, v in ddpg.loss.state_dict().items()}
+    ddpg.update(batch())
+    after = ddpg.loss.state_dict()
+    moved = 0
+    for name, target in after.items():
+        if not name.startswith("target_"):
+            continue
+        online = name.removeprefix("target_")
+        expected = 0.25 * after[online] + 0.75 * before[name]
+        torch.testing.assert_close(target, expected)
+        moved += int(not torch.equal(after[online], before[online]))
+    assert moved >= 8
+
+
+def test_actor_climbs_the_critic():
+    ddpg = agent(actor_learning_rate=1e-3, critic_learning_rate=1e-9)
+    data = batch(64)
+    losses = [float(ddpg.update(data.clone())["loss_actor"]) for _ in range(30)]
+    assert losses[-1] < losses[0] - 1e-3
+
+
+def test_critic_fits_its_target():
+    ddpg = agent(actor_learning_rate=1e-9, critic_learning_rate=1e-3, gamma=0.0)
+    data = batch(32)
+    losses = [float(ddpg.update(data.clone())["loss_critic"]) for _ in range(200)]
+    assert losses[-1] < 0.3 * losses[0]
+
+
+def test_bfloat16_is_close_to_float32():
+    data = batch(64)
+    exact, fast = (agent(precision=p).update(data.clone()) for p in ("float32", "bfloat16"))
+    for name in ("loss_critic", "q_mean", "gradient_norm_critic"):
+        torch.testing.assert_close(fast[name], exact[name], rtol=0.1, atol=0.02)
+
+
+def test_not_finite_stops_before_any_weight_changes():
+    ddpg, data = agent(), batch()
+    before = {k: v.clone() for k, v in ddpg.loss.state_dict().items()}
+    data["next", "reward"][3] = float("nan")
+    with pytest.raises(NonFiniteUpdateError, match="loss_critic=nan"):
+        ddpg.update(data)
+    for name, value in ddpg.loss.state_dict().items():
+        assert torch.equal(value, before[name]), name
+
+
+def test_state_dict_continues_bit_for_bit():
+    first, second = agent(), agent()
+    data = [batch() for _ in range(4)]
+    for one in data[:2]:
+        first.update(one.clone())
+    second.load_state_dict(first.state_dict())
+    for one in data[2:]:
+        a, b = first.update(one.clone()), second.update(one.clone())
+        assert all(torch.equal(a[name], b[name]) for name in a)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("gamma", 1.5), ("tau", 0.0), ("actor_learning_rate", -1.0), ("precision", "int4")],
+)
+def test_bad_arguments_are_named(option, value):
+    with pytest.raises(ValueError, match=f"{option}="):
+        agent(**{option: value})
+
+
+def test_noise_has_its_scale_per_dimension_and_stays_in_bounds():
+    noise = GaussianExploration(0.5, 0.1, annealing_frames=100, std=(0.2, 1.0))
+    torch.manual_seed(0)
+    td = TensorDict({"action": torch.zeros(20_000, 2)}, [20_000])
+    action = noise(td, frames=0)["action"]
+    assert action.abs().max() <= 1
+    torch.testing.assert_close(action[:, 0].std(), torch.tensor(0.1), rtol=0.05, atol=0)
+    assert action[:, 1].std() > 0.4
+    assert noise.sigma(50) == pytest.approx(0.3) and noise.sigma(1000) == pytest.approx(0.1)
