@@ -1,0 +1,280 @@
+"""Iterative closest points (ICP): the motion between two lidar scans, from the scans alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import torch
+from torch import Tensor
+
+from navrl.ops import se2
+from navrl.ops.lines import ScanLines, fit_lines
+from navrl.ops.rigid_fit import fit_rigid
+from navrl.ops.rotation_search import rotation_search
+
+SLIDE_WEIGHT = 0.01  # of the residual along a line: keeps a corridor without end well posed
+DAMPING = 1e-6  # keeps the normal equations solvable when the points say nothing
+PAIRS_PER_BLOCK = 2**22  # memory bound of the nearest-neighbour search, elements
+
+
+@dataclass(frozen=True)
+class IcpOptions:
+    """How :func:`align` works; the defaults are the plain ICP of the paper's method.
+
+    Args:
+        initialization: ``"identity"`` starts from no motion. ``"rotation_search"`` first turns the
+            range profile of one scan over the other, which needs both scans to be ordered by
+            bearing, evenly spaced, and of as many points.
+        metric: ``"point_to_point"`` minimises distances between matched points.
+            ``"point_to_line"`` continues from there, minimising distances to the line through
+            each target point and its neighbours, which needs the target ordered by bearing.
+        gate: Matches farther apart than this are not used, m.
+        robust_scale: Scale of the Geman-McClure weight ``1 / (1 + (r / scale)^2)^2`` of the
+            point-to-line stage, m: what moves loses its say. None weighs all matches alike.
+        max_iterations: Bound on the iterations of each stage.
+        rotation_tolerance: A stage has converged when a step turns less than this, rad, and
+        translation_tolerance: moves less than this, m.
+        min_pairs: With fewer matches the alignment has failed: identity, not converged.
+        search_range: Largest turn the rotation search considers to either side, rad.
+
+    Raises:
+        ValueError: If an option is not as above, naming it.
+
+    Reference:
+        Paper Sec. IV-A, ICP by least squares (Arun et al. 1987), its settings left open; the
+        defaults are those of the authors' precursor.
+    """
+
+    initialization: Literal["identity", "rotation_search"] = "identity"
+    metric: Literal["point_to_point", "point_to_line"] = "point_to_point"
+    gate: float = 1.05
+    robust_scale: float | None = 0.05
+    max_iterations: int = 100
+    rotation_tolerance: float = 1e-4
+    translation_tolerance: float = 3.5e-3
+    min_pairs: int = 10
+    search_range: float = 0.7
+
+    def __post_init__(self) -> None:
+        allowed = {
+            "initialization": ("identity", "rotation_search"),
+            "metric": ("point_to_point", "point_to_line"),
+        }
+        for name, values in allowed.items():
+            if getattr(self, name) not in values:
+                raise ValueError(
+                    f"{name} must be one of {', '.join(values)}, got {getattr(self, name)!r}"
+                )
+        positive = ["gate", "max_iterations", "rotation_tolerance", "translation_tolerance"]
+        positive += ["search_range"] + ([] if self.robust_scale is None else ["robust_scale"])
+        for name in positive:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if self.min_pairs < 2:
+            raise ValueError(f"min_pairs must be at least 2, got {self.min_pairs}")
+        if self.search_range > math.pi:
+            raise ValueError(f"search_range must be at most pi rad, got {self.search_range}")
+
+
+class Alignment(NamedTuple):
+    """Result of :func:`align`."""
+
+    transform: Tensor
+    """``[*B, 3]`` (m, m, rad) T_target_source; identity where the alignment failed."""
+    converged: Tensor
+    """``[*B]`` bool, whether the last step was below the tolerances, with enough matches."""
+    inliers: Tensor
+    """``[*B]`` int64, matched pairs of the last iteration."""
+    rmse: Tensor
+    """``[*B]`` m, root mean square distance of these pairs before the last step; 0 without."""
+    iterations: Tensor
+    """``[*B]`` int64, iterations spent over all stages."""
+
+
+PAPER = IcpOptions()
+ROBUST = IcpOptions(initialization="rotation_search", metric="point_to_line", gate=0.3)
+
+
+def align(
+    source_points: Tensor,
+    source_returns: Tensor,
+    target_points: Tensor,
+    target_returns: Tensor,
+    options: IcpOptions = PAPER,
+) -> Alignment:
+    """Find the rigid motion that lays one scan over another.
+
+    Each sample of the batch iterates on its own and is frozen as soon as it converges, so a result
+    does not depend on the rest of the batch. Points that are no returns are never used: the circle
+    of maximum ranges stays where it is whatever the robot does, and would pull towards no motion.
+
+    Args:
+        source_points: ``[*B, N, 2]`` m, e.g. scan t-1 in its own frame.
+        source_returns: ``[*B, N]`` bool, which points are real.
+        target_points: ``[*B, M, 2]`` m, e.g. scan t in its own frame.
+        target_returns: ``[*B, M]`` bool.
+        options: How to align.
+
+    Returns:
+        The alignment; ``se2.transform_points(result.transform, source_points)`` is the source scan
+        in the target's frame.
+
+    Raises:
+        ValueError: If a shape does not fit, naming it.
+
+    Reference:
+        Paper Sec. IV-A names ICP by least squares without settings; see :class:`IcpOptions`. The
+        rotation search and the point-to-line stage are additions.
+    """
+    _check_scans(source_points, source_returns, target_points, target_returns, options)
+    batch, num_source = source_points.shape[:-2], source_points.shape[-2]
+    scans = (
+        torch.where(source_returns.unsqueeze(-1), source_points, 0.0).reshape(-1, num_source, 2),
+        source_returns.reshape(-1, num_source),
+        torch.where(target_returns.unsqueeze(-1), target_points, 0.0).reshape(
+            -1, *target_points.shape[-2:]
+        ),
+        target_returns.reshape(-1, target_returns.shape[-1]),
+    )
+    size = max(1, PAIRS_PER_BLOCK // (num_source * target_points.shape[-2]))
+    blocks = [_align(*block, options) for block in zip(*(scan.split(size) for scan in scans))]
+    return Alignment(
+        *(torch.cat(parts).reshape(*batch, *parts[0].shape[1:]) for parts in zip(*blocks))
+    )
+
+
+def _align(
+    source: Tensor,
+    source_returns: Tensor,
+    target: Tensor,
+    target_returns: Tensor,
+    options: IcpOptions,
+) -> Alignment:
+    """Align one block ``[S, N, 2]`` of sanitised scans through all stages."""
+    transform = source.new_zeros(source.shape[0], 3)
+    if options.initialization == "rotation_search":
+        transform[:, 2] = rotation_search(
+            source, source_returns, target, target_returns, options.search_range
+        )
+    count = torch.zeros_like(source_returns[:, 0], dtype=torch.int64)
+    state = Alignment(transform, count.bool(), count.clone(), transform[:, 0].clone(), count)
+    scans = (source, source_returns, target, target_returns)
+    _iterate(state, scans, None, options)
+    if options.metric == "point_to_line":
+        state.converged.fill_(False)
+        _iterate(state, scans, fit_lines(target, target_returns), options)
+    failed = state.inliers < options.min_pairs
+    state.transform.masked_fill_(failed.unsqueeze(-1), 0.0)
+    state.converged.logical_and_(~failed)
+    return state
+
+
+def _iterate(
+    state: Alignment, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
+) -> None:
+    """Step every sample of ``state`` in place until it converges, fails or runs out of steps."""
+    running = torch.arange(len(state.transform), device=state.transform.device)
+    for _ in range(options.max_iterations):
+        if running.numel() == 0:
+            return
+        source, source_returns, target, target_returns = (scan[running] for scan in scans)
+        moved = se2.transform_points(state.transform[running], source)
+        squared, index = _nearest(moved, target, target_returns)
+        matched = source_returns & (squared <= options.gate**2)
+        inliers = matched.sum(-1)
+        enough = inliers >= options.min_pairs
+        if lines is None:
+            step = fit_rigid(moved, _take(target, index), matched.to(moved.dtype))
+        else:
+            matched_lines = ScanLines(*(_take(part[running], index) for part in lines))
+            step = _line_step(moved, matched, matched_lines, options.robust_scale)
+        step = torch.where(enough.unsqueeze(-1), step, 0.0)
+        small = step[:, 2].abs() < options.rotation_tolerance
+        small &= torch.linalg.vector_norm(step[:, :2], dim=-1) < options.translation_tolerance
+        state.transform[running] = se2.compose(step, state.transform[running])
+        state.converged[running] = small & enough
+        state.inliers[running] = inliers
+        state.rmse[running] = _root_mean(squared, matched)
+        state.iterations[running] += 1
+        running = running[~small]
+
+
+def _nearest(points: Tensor, target: Tensor, target_returns: Tensor) -> tuple[Tensor, Tensor]:
+    """Return squared distance and index ``[S, N]`` of the nearest real target point."""
+    target = torch.where(target_returns.unsqueeze(-1), target, math.inf)
+    x = points[:, :, None, 0] - target[:, None, :, 0]
+    y = points[:, :, None, 1] - target[:, None, :, 1]
+    return x.square_().addcmul_(y, y).min(dim=-1)
+
+
+def _line_step(
+    points: Tensor, matched: Tensor, lines: ScanLines, robust_scale: float | None
+) -> Tensor:
+    """Return the Gauss-Newton step ``[S, 3]`` for distances to the matched lines.
+
+    Where the target has no line the pair counts as two points; along a line it counts a little.
+    """
+    offset = points - lines.anchor
+    across = (offset * lines.normal).sum(-1)
+    residual = torch.where(lines.is_line, across.abs(), torch.linalg.vector_norm(offset, dim=-1))
+    weight = matched.to(points.dtype)
+    if robust_scale is not None:
+        weight = weight / (1.0 + (residual / robust_scale).square()).square()
+    tangent = torch.stack([lines.normal[..., 1], -lines.normal[..., 0]], dim=-1)
+    slide_weight = weight * torch.where(lines.is_line, SLIDE_WEIGHT, 1.0)
+    rows, values, weights = [], [], []
+    for direction, w in ((lines.normal, weight), (tangent, slide_weight)):
+        lever = points[..., 0] * direction[..., 1] - points[..., 1] * direction[..., 0]
+        rows.append(torch.cat([direction, lever.unsqueeze(-1)], dim=-1))
+        values.append((offset * direction).sum(-1))
+        weights.append(w)
+    jacobian, value = torch.cat(rows, dim=-2), torch.cat(values, dim=-1)
+    weighted = jacobian * torch.cat(weights, dim=-1).unsqueeze(-1)
+    normal_matrix = weighted.mT @ jacobian
+    normal_matrix = normal_matrix + DAMPING * torch.eye(3, dtype=value.dtype, device=value.device)
+    return -torch.linalg.solve(normal_matrix, (weighted * value.unsqueeze(-1)).sum(-2))
+
+
+def _take(values: Tensor, index: Tensor) -> Tensor:
+    """Gather ``values [S, M, ...]`` at ``index [S, N]``."""
+    row = torch.arange(len(index), device=index.device).unsqueeze(-1)
+    return values[row, index]
+
+
+def _root_mean(squared: Tensor, matched: Tensor) -> Tensor:
+    total = torch.where(matched, squared, 0.0).sum(-1)
+    return (total / matched.sum(-1).clamp(min=1)).sqrt()
+
+
+def _check_scans(
+    source_points: Tensor,
+    source_returns: Tensor,
+    target_points: Tensor,
+    target_returns: Tensor,
+    options: IcpOptions,
+) -> None:
+    for name, points, returns in (
+        ("source", source_points, source_returns),
+        ("target", target_points, target_returns),
+    ):
+        if points.ndim < 2 or points.shape[-1] != 2 or points.shape[-2] < 1:
+            raise ValueError(
+                f"{name}_points must have shape [*B, N, 2] with N >= 1, got {tuple(points.shape)}"
+            )
+        if returns.shape != points.shape[:-1] or returns.dtype != torch.bool:
+            raise ValueError(
+                f"{name}_returns must be bool of shape {tuple(points.shape[:-1])}, "
+                f"got {returns.dtype} of shape {tuple(returns.shape)}"
+            )
+    if source_points.shape[:-2] != target_points.shape[:-2]:
+        raise ValueError(
+            f"source_points and target_points must have the same batch, "
+            f"got {tuple(source_points.shape)} and {tuple(target_points.shape)}"
+        )
+    if options.initialization == "rotation_search" and source_points.shape != target_points.shape:
+        raise ValueError(
+            f"initialization 'rotation_search' needs as many source as target points, "
+            f"got {source_points.shape[-2]} and {target_points.shape[-2]}"
+        )

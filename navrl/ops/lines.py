@@ -1,0 +1,53 @@
+"""The line that a scan's surface follows at each of its points."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+HALF_WINDOW = 3  # neighbours on each side
+REACH_M = 0.4  # neighbours farther from the point are on another surface
+MIN_POINTS = 4  # fewer do not tell a line from noise
+MAX_THICKNESS = 0.1  # variance across over variance along the line; above it is a corner or a blob
+
+
+class ScanLines(NamedTuple):
+    """Result of :func:`fit_lines`."""
+
+    anchor: Tensor
+    """``[*B, N, 2]`` m, a point of the line; the scan's own point where no line fits."""
+    normal: Tensor
+    """``[*B, N, 2]`` unit normal of the line, either sign."""
+    is_line: Tensor
+    """``[*B, N]`` bool, whether a line fits."""
+
+
+def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
+    """Fit a line to each point and its neighbours by total least squares.
+
+    Args:
+        points: ``[*B, N, 2]`` m, finite, ordered by bearing over the whole circle.
+        returns: ``[*B, N]`` bool; the others are no neighbours.
+
+    Returns:
+        The lines. The direction of the larger principal axis has the closed form
+        ``0.5 * atan2(2 s_xy, s_xx - s_yy)``.
+    """
+    shifts = range(-HALF_WINDOW, HALF_WINDOW + 1)
+    neighbour = torch.stack([points.roll(-k, -2) for k in shifts], dim=-2)  # [*B, N, 2W+1, 2]
+    real = torch.stack([returns.roll(-k, -1) for k in shifts], dim=-1)
+    reach = torch.linalg.vector_norm(neighbour - points.unsqueeze(-2), dim=-1)
+    weight = (real & returns.unsqueeze(-1) & (reach < REACH_M)).to(points.dtype)
+    count = weight.sum(-1)
+    mean = (weight.unsqueeze(-1) * neighbour).sum(-2) / count.clamp(min=1).unsqueeze(-1)
+    x, y = (neighbour - mean.unsqueeze(-2)).unbind(-1)
+    s_xx, s_yy = (weight * x * x).sum(-1), (weight * y * y).sum(-1)
+    s_xy = (weight * x * y).sum(-1)
+    direction = 0.5 * torch.atan2(2.0 * s_xy, s_xx - s_yy)
+    spread = torch.hypot(0.5 * (s_xx - s_yy), s_xy)
+    along, across = 0.5 * (s_xx + s_yy) + spread, 0.5 * (s_xx + s_yy) - spread
+    is_line = (count >= MIN_POINTS) & (across < MAX_THICKNESS * along)
+    anchor = torch.where(is_line.unsqueeze(-1), mean, points)
+    return ScanLines(anchor, torch.stack([-direction.sin(), direction.cos()], dim=-1), is_line)

@@ -1,0 +1,133 @@
+"""Arc length on a global path: where the robot is along it, and what lies ahead.
+
+A path is a polyline ``[*B, P, 2]`` in m, any frame; repeating its last point (padding) changes
+nothing. All functions are batched over ``*B``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+
+class PathProjection(NamedTuple):
+    """Result of :func:`project_onto_path`."""
+
+    progress: Tensor
+    """``[*B]`` m, arc length from the path's first point to the projection."""
+    distance: Tensor
+    """``[*B]`` m, from the position to the projection."""
+
+
+def project_onto_path(
+    path: Tensor,
+    position: Tensor,
+    previous_progress: Tensor | None = None,
+    ahead: float = 1.0,
+    behind: float = 0.0,
+) -> PathProjection:
+    """Find the closest point of the path near the place where the robot was before.
+
+    Only the stretch from ``behind`` m before to ``ahead`` m after the previous progress is
+    searched. So the projection never jumps to another branch where the path crosses or approaches
+    itself, and with ``behind=0`` it never goes back.
+
+    Args:
+        path: ``[*B, P, 2]`` m, P >= 2.
+        position: ``[*B, 2]`` m, same frame.
+        previous_progress: ``[*B]`` m, arc length of the previous projection. None searches the
+            whole path, as at the start of an episode.
+        ahead: Length of the searched stretch after the previous progress, m.
+        behind: Length of the searched stretch before it, m.
+
+    Returns:
+        The arc length of the projection and its distance.
+
+    Raises:
+        ValueError: If a shape or a length is outside the above, naming it.
+
+    Reference:
+        Paper Sec. IV-C and IV-D, the closest point p^c on the path P; the paper does not say what
+        happens where the path crosses itself.
+    """
+    _check_path(path)
+    if position.shape[-1:] != (2,):
+        raise ValueError(f"position must have shape [*B, 2], got {tuple(position.shape)}")
+    check_window(ahead, behind)
+    arc, length, step = _segments(path)
+    offset = position.unsqueeze(-2) - path[..., :-1, :]
+    along = (offset * step).sum(-1) / length.clamp(min=1e-9).square() * length  # m on the segment
+    low, high = torch.zeros_like(length), length
+    if previous_progress is not None:
+        previous_progress = torch.minimum(previous_progress, arc[..., -1]).unsqueeze(-1)
+        low = (previous_progress - behind - arc[..., :-1]).clamp(min=0.0)
+        high = torch.minimum(previous_progress + ahead - arc[..., :-1], length)
+    along = torch.minimum(torch.maximum(along, low), high)
+    fraction = along / length.clamp(min=1e-9)
+    distance = torch.linalg.vector_norm(offset - fraction.unsqueeze(-1) * step, dim=-1)
+    distance = distance.masked_fill(high < low, math.inf)  # outside the stretch
+    nearest, index = distance.min(dim=-1, keepdim=True)
+    progress = (arc[..., :-1] + along).gather(-1, index)
+    return PathProjection(progress.squeeze(-1), nearest.squeeze(-1))
+
+
+def point_at(path: Tensor, arc: Tensor) -> Tensor:
+    """Return the point at an arc length along the path.
+
+    Args:
+        path: ``[*B, P, 2]`` m, P >= 2.
+        arc: ``[*B]`` or ``[*B, K]`` m from the path's first point; clamped to the path's ends, so
+            that past the goal it is the goal.
+
+    Returns:
+        ``[*B, 2]`` or ``[*B, K, 2]`` m.
+
+    Raises:
+        ValueError: If a shape is outside the above, naming it.
+    """
+    _check_path(path)
+    if arc.ndim not in (path.ndim - 2, path.ndim - 1):
+        raise ValueError(
+            f"arc must have shape [*B] or [*B, K] for a path {tuple(path.shape)}, "
+            f"got {tuple(arc.shape)}"
+        )
+    if arc.ndim == path.ndim - 2:
+        return point_at(path, arc.unsqueeze(-1)).squeeze(-2)
+    cumulative, length, step = _segments(path)
+    arc = torch.minimum(arc.clamp(min=0.0), cumulative[..., -1:])
+    ends = cumulative[..., 1:].contiguous()
+    segment = torch.searchsorted(ends, arc.contiguous()).clamp(max=length.shape[-1] - 1)
+    along = arc - cumulative.gather(-1, segment)
+    fraction = (along / length.gather(-1, segment).clamp(min=1e-9)).clamp(0.0, 1.0)
+    pair = segment.unsqueeze(-1).expand(*segment.shape, 2)
+    return path.gather(-2, pair) + fraction.unsqueeze(-1) * step.gather(-2, pair)
+
+
+def path_length(path: Tensor) -> Tensor:
+    """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``."""
+    _check_path(path)
+    return torch.linalg.vector_norm(path.diff(dim=-2), dim=-1).sum(-1)
+
+
+def check_window(ahead: float, behind: float) -> None:
+    """Raise a ValueError that names the search length of :func:`project_onto_path` gone wrong."""
+    if not ahead > 0.0:
+        raise ValueError(f"ahead must be positive (m), got {ahead}")
+    if not behind >= 0.0:
+        raise ValueError(f"behind must be at least 0 (m), got {behind}")
+
+
+def _segments(path: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the arc of each point ``[*B, P]``, and length and vector of each segment."""
+    step = path.diff(dim=-2)
+    length = torch.linalg.vector_norm(step, dim=-1)
+    arc = torch.nn.functional.pad(length.cumsum(-1), (1, 0))
+    return arc, length, step
+
+
+def _check_path(path: Tensor) -> None:
+    if path.ndim < 2 or path.shape[-1] != 2 or path.shape[-2] < 2:
+        raise ValueError(f"path must have shape [*B, P, 2] with P >= 2, got {tuple(path.shape)}")

@@ -1,0 +1,36 @@
+"""Least-squares rigid motion between matched points."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from navrl.ops import se2
+
+
+def fit_rigid(source: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Return the transform that maps ``source`` onto ``target`` with the least squared error.
+
+    In the plane it has a closed form: with the centred cross-covariance H of source and target the
+    best rotation is ``atan2(H_xy - H_yx, H_xx + H_yy)``. This is the rotation
+    ``V diag(1, det) U^T`` of the singular value decomposition (Arun et al. 1987), reflections
+    excluded, without the decomposition.
+
+    Args:
+        source: ``[*B, N, 2]`` m.
+        target: ``[*B, N, 2]`` m, matched with ``source`` by index.
+        weight: ``[*B, N]``, not negative; all zero gives the identity.
+
+    Returns:
+        ``[*B, 3]`` T_target_source.
+    """
+    weight = weight / weight.sum(-1, keepdim=True).clamp(min=1e-12)
+    source_mean = (weight.unsqueeze(-1) * source).sum(-2)
+    target_mean = (weight.unsqueeze(-1) * target).sum(-2)
+    a = source - source_mean.unsqueeze(-2)
+    b = target - target_mean.unsqueeze(-2)
+    sin = (weight * (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])).sum(-1)
+    cos = (weight * (a * b).sum(-1)).sum(-1)
+    yaw = torch.atan2(sin, cos)
+    translation = target_mean - se2.rotate(source_mean, yaw)
+    return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)

@@ -1,0 +1,70 @@
+"""Rigid transforms of the plane, as ``[..., 3]`` tensors ``(x, y, yaw)``.
+
+A transform ``T_target_source`` maps points of the source frame into the target frame; the pose of a
+robot in the world is ``T_world_robot``. Transforms chain by their inner names:
+``compose(T_a_b, T_b_c)`` is ``T_a_c``. Leading dimensions broadcast.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+
+def wrap_angle(angle: Tensor) -> Tensor:
+    """Return ``angle`` [rad] wrapped to (-pi, pi]."""
+    return math.pi - torch.remainder(math.pi - angle, 2.0 * math.pi)
+
+
+def rotate(vectors: Tensor, yaw: Tensor) -> Tensor:
+    """Rotate ``vectors`` counter-clockwise.
+
+    Args:
+        vectors: ``[..., 2]``.
+        yaw: ``[...]`` rad, broadcast against the leading dimensions of ``vectors``.
+
+    Returns:
+        ``[..., 2]`` rotated vectors.
+    """
+    cos, sin = yaw.cos(), yaw.sin()
+    x, y = vectors.unbind(-1)
+    return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)
+
+
+def transform_points(T_target_source: Tensor, points_source: Tensor) -> Tensor:
+    """Map points of the source frame into the target frame.
+
+    Args:
+        T_target_source: ``[*B, 3]`` (m, m, rad).
+        points_source: ``[*B, N, 2]`` m.
+
+    Returns:
+        ``[*B, N, 2]`` m, in the target frame.
+
+    Example:
+        >>> quarter_turn = torch.tensor([1.0, 0.0, math.pi / 2])
+        >>> transform_points(quarter_turn, torch.tensor([[1.0, 0.0]])).round(decimals=3)
+        tensor([[1., 1.]])
+    """
+    return rotate(points_source, T_target_source[..., 2:]) + T_target_source[..., None, :2]
+
+
+def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:
+    """Chain two transforms: returns ``T_a_c`` ``[..., 3]`` with its yaw in (-pi, pi]."""
+    translation = rotate(T_b_c[..., :2], T_a_b[..., 2]) + T_a_b[..., :2]
+    yaw = wrap_angle(T_a_b[..., 2] + T_b_c[..., 2])
+    return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
+
+
+def inverse(T_a_b: Tensor) -> Tensor:
+    """Return ``T_b_a`` ``[..., 3]``, the transform that undoes ``T_a_b``."""
+    translation = -rotate(T_a_b[..., :2], -T_a_b[..., 2])
+    yaw = wrap_angle(-T_a_b[..., 2])
+    return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
+
+
+def relative(T_world_target: Tensor, T_world_source: Tensor) -> Tensor:
+    """Return ``T_target_source`` ``[..., 3]`` from two poses in the same world."""
+    return compose(inverse(T_world_target), T_world_source)
