@@ -12,11 +12,6 @@ from torch import Tensor
 _SMALL_HALF_TURN = 1e-4  # rad; below it sin(h) / h is 1 - h^2 / 6 to the last bit of a double
 
 
-def wrap_angle(angle: float) -> float:
-    """Return the angle in (-pi, pi]."""
-    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
-
-
 def advance_pose(
     x: float, y: float, yaw: float, v: float, w: float, duration: float
 ) -> tuple[float, float, float]:
@@ -33,16 +28,27 @@ def advance_pose(
     half = 0.5 * w * duration
     sinc = 1.0 - half * half / 6.0 if abs(half) < _SMALL_HALF_TURN else math.sin(half) / half
     chord = v * duration * sinc
+    turned = yaw + 2.0 * half
     return (
         x + chord * math.cos(yaw + half),
         y + chord * math.sin(yaw + half),
-        wrap_angle(yaw + 2.0 * half),
+        turned - 2.0 * math.pi * math.ceil((turned - math.pi) / (2.0 * math.pi)),
     )
 
 
-def approach(current: float, target: float, max_change: float) -> float:
-    """Return ``current`` moved towards ``target`` by at most ``max_change`` (which may be inf)."""
-    return current + min(max(target - current, -max_change), max_change)
+def approach_velocity(
+    v: float, w: float, v_target: float, w_target: float, wheel_separation: float, limit: float
+) -> tuple[float, float]:
+    """Return (v, w) after each wheel's rim speed moved towards its target by at most ``limit``.
+
+    With two wheels at +-separation/2 from the centre, v is the mean of their rim speeds and w their
+    difference over the separation.
+    """
+    half = 0.5 * wheel_separation
+    left, right = v - half * w, v + half * w
+    left += min(max(v_target - half * w_target - left, -limit), limit)
+    right += min(max(v_target + half * w_target - right, -limit), limit)
+    return 0.5 * (left + right), (right - left) / wheel_separation
 
 
 def advance_poses(pose: Tensor, velocity: Tensor, duration: float) -> Tensor:

@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.unicycle import advance_pose, advance_poses, approach
+from navrl.ops.unicycle import advance_pose, advance_poses, approach_velocity
 
 MODELS = ("kinematic", "wheeled")
 
@@ -73,6 +73,11 @@ class DifferentialDrive:
         """Largest change of a wheel's speed, m/s^2; infinite for the kinematic model."""
         return self.wheel_acceleration if self.model == "wheeled" else math.inf
 
+    @property
+    def command_limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest and largest command, each (v, w) in m/s and rad/s."""
+        return (self.min_speed, -self.max_turn_rate), (self.max_speed, self.max_turn_rate)
+
     def clip(self, command: Tensor) -> Tensor:
         """Return the command [*B, 2] (v, w) within the robot's limits."""
         v, w = command.unbind(-1)
@@ -133,13 +138,3 @@ class DifferentialDrive:
                 *velocity, v, w, self.wheel_separation, self.wheel_acceleration * duration
             )
         return advance_pose(*pose, v, w, duration), (v, w)
-
-
-def approach_velocity(
-    v: float, w: float, v_target: float, w_target: float, wheel_separation: float, limit: float
-) -> tuple[float, float]:
-    """Return (v, w) after each wheel's rim speed moved towards its target by at most ``limit``."""
-    half = 0.5 * wheel_separation
-    left = approach(v - half * w, v_target - half * w_target, limit)
-    right = approach(v + half * w, v_target + half * w_target, limit)
-    return 0.5 * (left + right), (right - left) / wheel_separation

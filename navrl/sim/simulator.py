@@ -5,16 +5,22 @@ One interface, two simulators: :class:`navrl.sim.BatchedSimulator` for speed and
 give the same episode on both.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
+from navrl.ops import contact
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive
-from navrl.worlds import ScenarioBatch
+
+if TYPE_CHECKING:
+    from navrl.worlds import ScenarioBatch
 
 
 class Contact(IntEnum):
@@ -22,18 +28,15 @@ class Contact(IntEnum):
 
     Decided at the first substep at which the robot's disc reaches a box (distance <= 0). A wall
     wins over a pedestrian touched in the same substep. A pedestrian contact is ``RUN_INTO`` unless
-    the robot drives forward faster than :data:`MOVING_SPEED` and the pedestrian's nearest point
-    lies ahead of the robot's centre: then it is ``PEDESTRIAN``. Among several pedestrians touched
+    the robot drives faster than :data:`navrl.ops.contact.MOVING_SPEED` and the pedestrian's nearest
+    point lies on the side that it drives towards: then it is ``PEDESTRIAN``. Among several pedestrians touched
     in the same substep, ``PEDESTRIAN`` wins over ``RUN_INTO``.
     """
 
-    NONE = 0
-    STATIC = 1  # the robot touched a wall or a piece of furniture
-    PEDESTRIAN = 2  # the robot moved into a pedestrian, walking or standing
-    RUN_INTO = 3  # a pedestrian moved into the robot
-
-
-MOVING_SPEED = 0.05  # m/s; a robot driving slower than this hits nobody, others hit it
+    NONE = contact.NONE
+    STATIC = contact.STATIC  # the robot touched a wall or a piece of furniture
+    PEDESTRIAN = contact.PEDESTRIAN  # the robot moved into a pedestrian, walking or standing
+    RUN_INTO = contact.RUN_INTO  # a pedestrian moved into the robot
 
 
 @dataclass
@@ -131,6 +134,33 @@ class Simulator(ABC):
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Continue from what :meth:`state_dict` returned, of a simulator built alike."""
 
+    def check_reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
+        """Raise what :meth:`reset` promises to raise."""
+        if worlds.ndim != 1 or worlds.dtype != torch.int64:
+            raise ValueError(f"worlds must be [M] int64, got {list(worlds.shape)} {worlds.dtype}")
+        if len(worlds) != len(scenarios):
+            raise ValueError(f"{len(worlds)} worlds to reset but {len(scenarios)} scenarios")
+        if bool(((worlds < 0) | (worlds >= self.num_worlds)).any()):
+            raise ValueError(f"worlds must be within 0..{self.num_worlds - 1}")
+        if len(worlds.unique()) != len(worlds):
+            raise ValueError("worlds must be distinct")
+        most = int(scenarios.ped_present.sum(-1).max()) if len(worlds) else 0
+        if most > self.max_pedestrians:
+            raise ValueError(
+                f"a scenario has {most} pedestrians, max_pedestrians is {self.max_pedestrians}"
+            )
+        if not bool(torch.isfinite(scenarios.start).all()):
+            raise ValueError("scenarios.start must be finite")
+
+    def check_command(self, command: Tensor) -> None:
+        """Raise the ``ValueError`` that :meth:`step` promises."""
+        if command.shape != (self.num_worlds, 2):
+            raise ValueError(f"command must be [{self.num_worlds}, 2], got {list(command.shape)}")
+        if command.device != self.device:
+            raise ValueError(f"command must be on {self.device}, got {command.device}")
+        if not bool(torch.isfinite(command).all()):
+            raise ValueError("command must be finite, got NaN or infinity")
+
     def close(self) -> None:
         """Release what the simulator holds outside Python; a closed simulator is not used again."""
-        return None
+        return

@@ -1,0 +1,238 @@
+"""Thousands of worlds in one process, stepped and scanned by compiled kernels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from navrl.ops.kernels.worlds import (
+    place_pedestrians_kernel,
+    scan_worlds_kernel,
+    step_worlds_kernel,
+)
+from navrl.ops.raycast import beam_directions
+from navrl.sim.lidar import Lidar
+from navrl.sim.robot import DifferentialDrive
+from navrl.sim.simulator import SimState, Simulator
+
+if TYPE_CHECKING:
+    from navrl.worlds import ScenarioBatch
+
+MAX_ROUTE_POINTS = 32
+
+
+class BatchedSimulator(Simulator):
+    """The fast simulator: all of the worlds are rows of a few arrays.
+
+    Geometry is float64, ranges are float32. A world costs about 10 kB, so 4,096 of them take 40 MB.
+    The kernels run on as many threads as torch is set to use, and each world's result is the same
+    for any number of them. Bit-equal for the same scenarios and commands on one machine.
+
+    Args:
+        num_worlds: N.
+        robot: its drive and limits.
+        lidar: its beams.
+        time_step_s: duration of a step, s.
+        substeps: contact checks a step.
+        max_pedestrians: K, rows kept for pedestrians in each world.
+        max_walls: rows kept for walls in each world; grows when a scenario has more.
+
+    Raises:
+        ValueError: a value is not positive.
+
+    Reference:
+        Paper Sec. IV-A: dt = 0.2 s. Contacts are looked for every 0.02 s, so none is passed over.
+    """
+
+    def __init__(
+        self,
+        num_worlds: int,
+        robot: DifferentialDrive,
+        lidar: Lidar,
+        time_step_s: float = 0.2,
+        substeps: int = 10,
+        max_pedestrians: int = 10,
+        max_walls: int = 32,
+    ) -> None:
+        positive = {
+            "num_worlds": num_worlds,
+            "time_step_s": time_step_s,
+            "substeps": substeps,
+            "max_pedestrians": max_pedestrians,
+            "max_walls": max_walls,
+        }
+        for name, value in positive.items():
+            if not value > 0:
+                raise ValueError(f"{name} must be positive, got {value}")
+        self.num_worlds = int(num_worlds)
+        self.robot, self.lidar = robot, lidar
+        self.time_step_s, self.substeps = float(time_step_s), int(substeps)
+        self.max_pedestrians = int(max_pedestrians)
+        self.device = torch.device("cpu")
+        self._timing = (self.time_step_s / self.substeps, self.substeps)
+        self._drive = (
+            robot.radius,
+            robot.wheel_separation,
+            robot.acceleration_limit,
+            robot.min_speed,
+            robot.max_speed,
+            robot.max_turn_rate,
+        )
+        self._mount = np.array(lidar.mount)
+        self._beams = beam_directions(lidar.num_beams).numpy()
+        self._allocate(max_walls)
+
+    def _allocate(self, max_walls: int) -> None:
+        n, k, r = self.num_worlds, self.max_pedestrians, MAX_ROUTE_POINTS
+        real, whole = {"dtype": torch.float64}, {"dtype": torch.int64}
+        self._rows = {  # documented in navrl.ops.kernels.worlds
+            "pose": torch.full((n, 3), torch.nan, **real),  # NaN until the first reset
+            "velocity": torch.zeros(n, 2, **real),
+            "tick": torch.zeros(n, **whole),
+            "contact": torch.zeros(n, **whole),
+            "walls": torch.zeros(n, max_walls, 6, **real),
+            "num_walls": torch.zeros(n, **whole),
+            "route": torch.zeros(n, k, r, 2, **real),
+            "route_arc": torch.zeros(n, k, r, **real),
+            "walk": torch.full((n, k, 4), torch.nan, **real),
+            "boxes": torch.full((n, k, 5), torch.nan, **real),
+        }
+        self._is_ready = False
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take the numpy views that kernels work on: they share memory with the tensors."""
+        self._arrays = {name: rows.numpy() for name, rows in self._rows.items()}
+        num_boxes = self._rows["walls"].shape[1] + self.max_pedestrians
+        self._near = np.empty((self.num_worlds, num_boxes), dtype=np.int64)
+
+    def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
+        self.check_reset(worlds, scenarios)
+        if len(worlds) == 0:
+            return
+        rows, count = self._rows, scenarios.boxes.shape[1]
+        self._make_room(count)
+        rows["pose"][worlds] = scenarios.start.double()
+        rows["walls"][worlds, :count] = _packed_walls(scenarios)
+        rows["num_walls"][worlds] = scenarios.num_boxes
+        for name in ("velocity", "tick", "contact"):
+            rows[name][worlds] = 0
+        self._reset_pedestrians(worlds, scenarios)
+        self._is_ready = self._is_ready or not bool(rows["pose"].isnan().any())
+
+    def _make_room(self, num_walls: int) -> None:
+        walls = self._rows["walls"]
+        if num_walls > walls.shape[1]:
+            grown = torch.zeros(self.num_worlds, num_walls, 6, dtype=torch.float64)
+            grown[:, : walls.shape[1]] = walls
+            self._rows["walls"] = grown
+            self._bind()
+
+    def _reset_pedestrians(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
+        rows, arrays = self._rows, self._arrays
+        # present pedestrians move to the front, in their order, if there are more rows than K
+        order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)
+        order = order[:, : self.max_pedestrians]
+        row, count = torch.arange(len(worlds))[:, None], order.shape[1]
+        walk = torch.cat(
+            (scenarios.ped_speed[..., None], scenarios.ped_offset[..., None], scenarios.ped_half),
+            dim=-1,
+        )
+        walk = walk.masked_fill(~scenarios.ped_present[..., None], torch.nan)
+        rows["walk"][worlds] = torch.nan
+        rows["walk"][worlds, :count] = walk[row, order]
+        rows["route"][worlds, :count] = scenarios.route[row, order]
+        rows["route_arc"][worlds, :count] = scenarios.route_arc[row, order]
+        place_pedestrians_kernel(
+            worlds.numpy(),
+            *(arrays[name] for name in ("boxes", "route", "route_arc", "walk", "tick")),
+            self._timing[0],
+        )
+
+    def step(self, command: Tensor) -> SimState:
+        self.check_command(command)
+        if not self._is_ready:
+            raise RuntimeError("every world must be reset before the first step")
+        a = self._arrays
+        step_worlds_kernel(
+            a["pose"],
+            a["velocity"],
+            a["tick"],
+            a["contact"],
+            command.detach().double().contiguous().numpy(),
+            self._drive,
+            self._timing,
+            a["walls"],
+            a["num_walls"],
+            a["route"],
+            a["route_arc"],
+            a["walk"],
+            a["boxes"],
+            self._near,
+        )
+        return self.state()
+
+    def state(self) -> SimState:
+        rows = self._rows
+        return SimState(
+            pose=rows["pose"].float(),
+            velocity=rows["velocity"].float(),
+            contact=rows["contact"].clone(),
+            pedestrians=rows["boxes"].float(),
+            time_s=(rows["tick"] * self._timing[0]).float(),
+        )
+
+    def ranges(self) -> Tensor:
+        if not self._is_ready:
+            raise RuntimeError("every world must be reset before the first scan")
+        out = torch.empty(self.num_worlds, self.lidar.num_beams)
+        a = self._arrays
+        scan_worlds_kernel(
+            out.numpy(),
+            a["pose"],
+            self._mount,
+            a["walls"],
+            a["num_walls"],
+            a["boxes"],
+            *self._beams,
+            self.lidar.max_range,
+        )
+        return out
+
+    def state_dict(self) -> dict[str, Tensor]:
+        return {name: rows.clone() for name, rows in self._rows.items()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        if state.keys() != self._rows.keys():
+            raise ValueError(f"state must have the keys {sorted(self._rows)}, got {sorted(state)}")
+        for name, rows in self._rows.items():
+            wanted, got = list(rows.shape), list(state[name].shape)
+            if name == "walls":
+                wanted[1] = got[1] if len(got) == 3 else -1
+            if wanted != got:
+                raise ValueError(f"state[{name!r}] must be {wanted}, got {got}")
+        self._rows = {name: state[name].to(rows.dtype).clone() for name, rows in self._rows.items()}
+        self._is_ready = not bool(self._rows["pose"].isnan().any())
+        self._bind()
+
+
+def _packed_walls(scenarios: ScenarioBatch) -> Tensor:
+    """Return [M, W, 6] (cx, cy, hx, hy, cos yaw, sin yaw).
+
+    Raises:
+        ValueError: a wall that counts is not finite or has a negative size.
+    """
+    boxes = scenarios.boxes.double()
+    counts = torch.arange(boxes.shape[1]) < scenarios.num_boxes[:, None]
+    bad = counts & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))
+    if bool(bad.any()):
+        row, wall = bad.nonzero()[0].tolist()
+        raise ValueError(
+            f"wall {wall} of scenario {row} must be finite with half sizes >= 0, "
+            f"got {boxes[row, wall].tolist()}"
+        )
+    yaw = boxes[..., 4:5]
+    return torch.cat((boxes[..., :4], torch.cos(yaw), torch.sin(yaw)), dim=-1)
