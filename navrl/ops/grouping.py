@@ -105,13 +105,13 @@ def group_centers(points: Tensor, returns: Tensor, num_groups: int, max_range: f
     """
     ray = torch.arange(num_groups, device=points.device, dtype=points.dtype)
     ray = ray * (2.0 * math.pi / num_groups)
-    bearing = torch.atan2(points[..., 1], points[..., 0])
-    off_ray = bearing.unsqueeze(-2) - ray.unsqueeze(-1)
-    off_ray = torch.remainder(off_ray + math.pi, 2.0 * math.pi) - math.pi
-    in_sector = off_ray.abs() <= math.pi / num_groups + SECTOR_TOLERANCE_RAD
-    in_sector &= returns.unsqueeze(-2)
-    distance = torch.linalg.vector_norm(points, dim=-1).unsqueeze(-2)
-    nearest = torch.where(in_sector, distance, max_range).amin(-1).clamp(max=max_range)
+    bearing = torch.remainder(torch.atan2(points[..., 1], points[..., 0]), 2.0 * math.pi)
+    off_ray = (bearing.unsqueeze(-2) - ray.unsqueeze(-1)).abs()  # [0, 2 pi)
+    half_sector = math.pi / num_groups + SECTOR_TOLERANCE_RAD
+    in_sector = (off_ray <= half_sector) | (off_ray >= 2.0 * math.pi - half_sector)
+    distance = torch.where(returns, torch.hypot(points[..., 0], points[..., 1]), max_range)
+    nearest = torch.where(in_sector, distance.unsqueeze(-2), max_range).amin(-1)
+    nearest = nearest.clamp(max=max_range)
     return nearest.unsqueeze(-1) * torch.stack([ray.cos(), ray.sin()], dim=-1)
 
 
@@ -121,7 +121,8 @@ def _centroids(
     """Return the centroid ``[*B, N_c, 2]`` of each group and whether it has members."""
     offset_x = points[..., 0].unsqueeze(-2) - center[..., 0].unsqueeze(-1)
     offset_y = points[..., 1].unsqueeze(-2) - center[..., 1].unsqueeze(-1)
-    member = (offset_x.square() + offset_y.square() <= radius**2) & returns.unsqueeze(-2)
+    squared = offset_x.square_().addcmul_(offset_y, offset_y)
+    member = (squared <= radius**2) & returns.unsqueeze(-2)
     count = member.sum(-1)
     total = member.to(points.dtype) @ points
     return total / count.clamp(min=1).unsqueeze(-1), count > 0

@@ -141,7 +141,7 @@ def align(
     size = max(1, PAIRS_PER_BLOCK // (num_source * target_points.shape[-2]))
     blocks = [_align(*block, options) for block in zip(*(scan.split(size) for scan in scans))]
     return Alignment(
-        *(torch.cat(parts).reshape(*batch, *parts[0].shape[1:]) for parts in zip(*blocks))
+        *(torch.cat(parts).reshape((*batch, *parts[0].shape[1:])) for parts in zip(*blocks))
     )
 
 
@@ -185,11 +185,12 @@ def _iterate(
         matched = source_returns & (squared <= options.gate**2)
         inliers = matched.sum(-1)
         enough = inliers >= options.min_pairs
+        closest = _take(target, index)
         if lines is None:
-            step = fit_rigid(moved, _take(target, index), matched.to(moved.dtype))
+            step = fit_rigid(moved, closest, matched.to(moved.dtype))
         else:
-            matched_lines = ScanLines(*(_take(part[running], index) for part in lines))
-            step = _line_step(moved, matched, matched_lines, options.robust_scale)
+            on_line = ScanLines(*(_take(part[running], index) for part in lines))
+            step = _line_step(moved, closest, matched, on_line, options.robust_scale)
         step = torch.where(enough.unsqueeze(-1), step, 0.0)
         small = step[:, 2].abs() < options.rotation_tolerance
         small &= torch.linalg.vector_norm(step[:, :2], dim=-1) < options.translation_tolerance
@@ -210,13 +211,17 @@ def _nearest(points: Tensor, target: Tensor, target_returns: Tensor) -> tuple[Te
 
 
 def _line_step(
-    points: Tensor, matched: Tensor, lines: ScanLines, robust_scale: float | None
+    points: Tensor,
+    closest: Tensor,
+    matched: Tensor,
+    lines: ScanLines,
+    robust_scale: float | None,
 ) -> Tensor:
     """Return the Gauss-Newton step ``[S, 3]`` for distances to the matched lines.
 
     Where the target has no line the pair counts as two points; along a line it counts a little.
     """
-    offset = points - lines.anchor
+    offset = points - closest
     across = (offset * lines.normal).sum(-1)
     residual = torch.where(lines.is_line, across.abs(), torch.linalg.vector_norm(offset, dim=-1))
     weight = matched.to(points.dtype)

@@ -16,8 +16,6 @@ MAX_THICKNESS = 0.1  # variance across over variance along the line; above it is
 class ScanLines(NamedTuple):
     """Result of :func:`fit_lines`."""
 
-    anchor: Tensor
-    """``[*B, N, 2]`` m, a point of the line; the scan's own point where no line fits."""
     normal: Tensor
     """``[*B, N, 2]`` unit normal of the line, either sign."""
     is_line: Tensor
@@ -32,7 +30,7 @@ def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
         returns: ``[*B, N]`` bool; the others are no neighbours.
 
     Returns:
-        The lines. The direction of the larger principal axis has the closed form
+        The lines, through the points themselves. The direction of the larger principal axis has the closed form
         ``0.5 * atan2(2 s_xy, s_xx - s_yy)``.
     """
     shifts = range(-HALF_WINDOW, HALF_WINDOW + 1)
@@ -49,5 +47,5 @@ def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
     spread = torch.hypot(0.5 * (s_xx - s_yy), s_xy)
     along, across = 0.5 * (s_xx + s_yy) + spread, 0.5 * (s_xx + s_yy) - spread
     is_line = (count >= MIN_POINTS) & (across < MAX_THICKNESS * along)
-    anchor = torch.where(is_line.unsqueeze(-1), mean, points)
-    return ScanLines(anchor, torch.stack([-direction.sin(), direction.cos()], dim=-1), is_line)
+    normal = torch.stack([-direction.sin(), direction.cos()], dim=-1)
+    return ScanLines(normal, is_line)

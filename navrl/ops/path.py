@@ -57,21 +57,29 @@ def project_onto_path(
     if position.shape[-1:] != (2,):
         raise ValueError(f"position must have shape [*B, 2], got {tuple(position.shape)}")
     check_window(ahead, behind)
-    arc, length, step = _segments(path)
-    offset = position.unsqueeze(-2) - path[..., :-1, :]
-    along = (offset * step).sum(-1) / length.clamp(min=1e-9).square() * length  # m on the segment
-    low, high = torch.zeros_like(length), length
-    if previous_progress is not None:
+    arc, length, (step_x, step_y) = _segments(path)
+    segment_start = arc[..., :-1]
+    inverse_length = length.clamp(min=1e-9).reciprocal()
+    offset_x = position[..., 0, None] - path[..., :-1, 0]
+    offset_y = position[..., 1, None] - path[..., :-1, 1]
+    along = (offset_x * step_x + offset_y * step_y) * inverse_length  # m from the segment's start
+    if previous_progress is None:
+        along = torch.minimum(along.clamp(min=0.0), length)
+    else:
         previous_progress = torch.minimum(previous_progress, arc[..., -1]).unsqueeze(-1)
-        low = (previous_progress - behind - arc[..., :-1]).clamp(min=0.0)
-        high = torch.minimum(previous_progress + ahead - arc[..., :-1], length)
-    along = torch.minimum(torch.maximum(along, low), high)
-    fraction = along / length.clamp(min=1e-9)
-    distance = torch.linalg.vector_norm(offset - fraction.unsqueeze(-1) * step, dim=-1)
-    distance = distance.masked_fill(high < low, math.inf)  # outside the stretch
-    nearest, index = distance.min(dim=-1, keepdim=True)
-    progress = (arc[..., :-1] + along).gather(-1, index)
-    return PathProjection(progress.squeeze(-1), nearest.squeeze(-1))
+        first, last = previous_progress - behind, previous_progress + ahead
+        along = torch.maximum(along.clamp(min=0.0), first - segment_start)
+        along = torch.minimum(torch.minimum(along, last - segment_start), length)
+    fraction = along * inverse_length
+    miss_x, miss_y = offset_x - fraction * step_x, offset_y - fraction * step_y
+    squared = miss_x.square_().addcmul_(miss_y, miss_y)
+    if previous_progress is not None:
+        squared = squared.masked_fill((arc[..., 1:] < first) | (segment_start > last), math.inf)
+    squared, index = squared.min(dim=-1, keepdim=True)
+    progress = arc.gather(-1, index) + along.gather(-1, index)
+    if previous_progress is not None:
+        progress = torch.maximum(progress, first)  # rounding must not go back
+    return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 
 
 def point_at(path: Tensor, arc: Tensor) -> Tensor:
@@ -96,20 +104,20 @@ def point_at(path: Tensor, arc: Tensor) -> Tensor:
         )
     if arc.ndim == path.ndim - 2:
         return point_at(path, arc.unsqueeze(-1)).squeeze(-2)
-    cumulative, length, step = _segments(path)
+    cumulative, length, _ = _segments(path)
     arc = torch.minimum(arc.clamp(min=0.0), cumulative[..., -1:])
     ends = cumulative[..., 1:].contiguous()
     segment = torch.searchsorted(ends, arc.contiguous()).clamp(max=length.shape[-1] - 1)
     along = arc - cumulative.gather(-1, segment)
     fraction = (along / length.gather(-1, segment).clamp(min=1e-9)).clamp(0.0, 1.0)
     pair = segment.unsqueeze(-1).expand(*segment.shape, 2)
-    return path.gather(-2, pair) + fraction.unsqueeze(-1) * step.gather(-2, pair)
+    return torch.lerp(path.gather(-2, pair), path.gather(-2, pair + 1), fraction.unsqueeze(-1))
 
 
 def path_length(path: Tensor) -> Tensor:
     """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``."""
     _check_path(path)
-    return torch.linalg.vector_norm(path.diff(dim=-2), dim=-1).sum(-1)
+    return _segments(path)[0][..., -1]
 
 
 def check_window(ahead: float, behind: float) -> None:
@@ -120,12 +128,12 @@ def check_window(ahead: float, behind: float) -> None:
         raise ValueError(f"behind must be at least 0 (m), got {behind}")
 
 
-def _segments(path: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the arc of each point ``[*B, P]``, and length and vector of each segment."""
-    step = path.diff(dim=-2)
-    length = torch.linalg.vector_norm(step, dim=-1)
+def _segments(path: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
+    """Return the arc of each point ``[*B, P]``, and length and (x, y) of each segment."""
+    step_x, step_y = path[..., 0].diff(dim=-1), path[..., 1].diff(dim=-1)
+    length = step_x.square().addcmul_(step_y, step_y).sqrt_()
     arc = torch.nn.functional.pad(length.cumsum(-1), (1, 0))
-    return arc, length, step
+    return arc, length, (step_x, step_y)
 
 
 def _check_path(path: Tensor) -> None:
