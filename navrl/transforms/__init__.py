@@ -1,0 +1,24 @@
+"""From raw lidar, pose and path to the networks' inputs: transforms for any TorchRL environment.
+
+Transforms hold parameters, TensorDicts hold state: what must survive a step is a key.
+"""
+
+from navrl.transforms.icp_align import ICPAlign
+from navrl.transforms.min_pool import MinPool
+from navrl.transforms.normalize import Normalize
+from navrl.transforms.observation_map import ObservationMap
+from navrl.transforms.pipeline import compose
+from navrl.transforms.scan_history import ScanHistory
+from navrl.transforms.tagd import TAGD
+from navrl.transforms.waypoints import Waypoints
+
+__all__ = [
+    "TAGD",
+    "ICPAlign",
+    "MinPool",
+    "Normalize",
+    "ObservationMap",
+    "ScanHistory",
+    "Waypoints",
+    "compose",
+]

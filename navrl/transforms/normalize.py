@@ -1,0 +1,58 @@
+"""From metres to what a network likes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torchrl.data import Bounded, TensorSpec, Unbounded
+
+from navrl import keys
+from navrl.transforms.observation_map import Keys, ObservationMap, nested_keys
+
+
+class Normalize(ObservationMap):
+    """Divide each entry by one length, so that coordinates lie in about [-1, 1].
+
+    All coordinates share the scale: points, descriptors and waypoints stay comparable.
+
+    Args:
+        scale: Length that becomes 1, m.
+        in_keys: Entries in m, of any number and shape.
+        out_keys: One key for each, the networks' inputs.
+
+    Raises:
+        ValueError: If the scale is not positive or the numbers of keys differ.
+
+    Reference:
+        Not in the paper; the authors' precursor divides all coordinates by d_max = 3.5 m.
+    """
+
+    def __init__(
+        self,
+        scale: float = 3.5,
+        in_keys: Keys = (keys.POINTS, keys.TAGD, keys.WAYPOINTS),
+        out_keys: Keys = (keys.SPATIAL_INPUT, keys.TEMPORAL_INPUT, keys.WAYPOINT_INPUT),
+    ) -> None:
+        self.INPUTS = tuple(map(str, nested_keys(in_keys)))
+        self.OUTPUTS = self.INPUTS
+        super().__init__(in_keys, out_keys)
+        if not scale > 0.0:
+            raise ValueError(f"scale must be positive (m), got {scale}")
+        self.scale = scale
+
+    def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
+        """Divide each input by the scale."""
+        return [value.float() / self.scale for value in inputs]
+
+    def map_specs(self, *inputs: TensorSpec) -> Sequence[TensorSpec]:
+        """Return the specs, with bounds scaled where there are any."""
+        return [self._scaled(spec) for spec in inputs]
+
+    def _scaled(self, spec: TensorSpec) -> TensorSpec:
+        kind = {"dtype": torch.float32, "device": spec.device}
+        if isinstance(spec, Bounded):
+            low, high = spec.space.low.float(), spec.space.high.float()
+            return Bounded(low / self.scale, high / self.scale, spec.shape, **kind)
+        return Unbounded(spec.shape, **kind)

@@ -1,0 +1,120 @@
+"""The interface of navrl's transforms: named inputs to named outputs, with specs."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import dispatch
+from torch import Tensor
+from torchrl.data import Binary, Composite, TensorSpec, Unbounded
+from torchrl.envs import Transform
+
+Keys = Sequence[NestedKey | list[str]] | str
+
+
+class ObservationMap(Transform):
+    """Interface of a transform whose outputs depend on inputs of the same time only.
+
+    A subclass names its inputs and outputs and says how values and specs map; this class applies
+    it after each reset and step, to data from a replay buffer (at the root and under ``"next"``)
+    and, called with keywords, to bare tensors. Nothing is kept between calls.
+
+    Args:
+        in_keys: One key for each of ``INPUTS``, in their order. A nested key is a tuple, or a list
+            as it comes from YAML.
+        out_keys: One key for each of ``OUTPUTS``.
+
+    Raises:
+        ValueError: If the number of keys is not right, or later if the environment lacks one.
+    """
+
+    INPUTS: tuple[str, ...]
+    OUTPUTS: tuple[str, ...]
+
+    def __init__(self, in_keys: Keys, out_keys: Keys) -> None:
+        super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
+        name = type(self).__name__
+        _check_count(name, "in_keys", self.in_keys, self.INPUTS)
+        _check_count(name, "out_keys", self.out_keys, self.OUTPUTS)
+
+    @abstractmethod
+    def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
+        """Return one fresh tensor per output key."""
+
+    @abstractmethod
+    def map_specs(self, *inputs: TensorSpec) -> Sequence[TensorSpec]:
+        """Return one spec per output key, or raise a ValueError if the inputs do not fit."""
+
+    @dispatch(source="in_keys", dest="out_keys")
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Map data outside an environment; a transition is mapped at its root and its next."""
+        self._call(tensordict)
+        if "next" in tensordict:
+            self._call(tensordict["next"])
+        return tensordict
+
+    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        inputs = [read(self, tensordict, key) for key in self.in_keys]
+        for key, value in zip(self.out_keys, self.map_values(*inputs), strict=True):
+            tensordict.set(key, value)
+        return tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Return the environment's specs with those of the outputs added."""
+        inputs = [read_spec(self, observation_spec, key) for key in self.in_keys]
+        observation_spec = observation_spec.clone()
+        for key, spec in zip(self.out_keys, self.map_specs(*inputs), strict=True):
+            observation_spec[key] = spec
+        return observation_spec
+
+
+def nested_keys(keys: Keys) -> list[NestedKey]:
+    """Return keys as TorchRL wants them: YAML's lists for nested keys become tuples."""
+    keys = [keys] if isinstance(keys, str) else keys
+    return [key if isinstance(key, str) else tuple(key) for key in keys]
+
+
+def read(transform: Transform, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
+    """Return the entry of a TensorDict, or raise a ValueError that names what is missing."""
+    value = tensordict.get(key, None)
+    if value is None:
+        present = ", ".join(sorted(map(str, tensordict.keys(True, True))))
+        raise ValueError(f"{type(transform).__name__} needs key {key!r}; present are: {present}")
+    return value
+
+
+def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorSpec:
+    """Return the spec of a key, or raise a ValueError that names what the environment lacks."""
+    present = specs.keys(True, True)
+    if key not in present:
+        known = ", ".join(sorted(map(str, present)))
+        raise ValueError(f"{type(transform).__name__} needs key {key!r}; the env has: {known}")
+    return specs[key]
+
+
+def real_spec(like: TensorSpec, *shape: int) -> Unbounded:
+    """Return a float32 spec on the device of ``like``."""
+    return Unbounded(shape, dtype=torch.float32, device=like.device)
+
+
+def flag_spec(like: TensorSpec, *shape: int) -> Binary:
+    """Return a bool spec on the device of ``like``."""
+    return Binary(shape[-1], shape, dtype=torch.bool, device=like.device)
+
+
+def _check_count(
+    transform: str, argument: str, keys: Sequence[NestedKey], names: tuple[str, ...]
+) -> None:
+    if len(keys) != len(names):
+        raise ValueError(
+            f"{transform}: {argument} must be {len(names)} keys ({', '.join(names)}), got {keys}; "
+            f"a nested key is a list of its own"
+        )

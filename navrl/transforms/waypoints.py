@@ -1,0 +1,137 @@
+"""What the global path looks like from the robot."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import dispatch
+from torch import Tensor
+from torchrl.data import Composite
+from torchrl.envs import Transform
+
+from navrl import keys
+from navrl.ops import se2
+from navrl.ops.path import check_window, point_at, project_onto_path
+from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec, real_spec
+
+
+class Waypoints(Transform):
+    """Give the next points of the global path in the robot frame.
+
+    The robot's projection on the path is carried from step to step in the TensorDict, and searched
+    only around its last value: where the path crosses itself the waypoints stay on the branch that
+    the robot is on. At a reset the whole path is searched. Past the goal, the goal is repeated.
+
+    Args:
+        num_waypoints: Number of points N_f.
+        spacing: Arc length between them, m.
+        include_closest: Whether the first point is the projection itself, as in the paper's
+            formula, instead of one spacing ahead of it.
+        ahead: Arc length after the last projection that is searched for the next, m.
+        behind: Arc length before it that is searched, m; 0 never goes back.
+        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world.
+        out_keys: Waypoints ``[*B, N_f, 2]`` m in the robot frame, and the arc length of the
+            projection ``[*B, 1]`` m, which the next step reads.
+
+    Raises:
+        ValueError: If an argument is not as above, or later if the environment lacks a key.
+
+    Reference:
+        Paper Sec. IV-B, P_t^f. The formula there includes the closest point p^c while the text
+        says "upcoming"; the authors' precursor starts one spacing ahead, which is the default.
+    """
+
+    def __init__(
+        self,
+        num_waypoints: int = 5,
+        spacing: float = 0.3,
+        include_closest: bool = False,
+        ahead: float = 1.0,
+        behind: float = 0.0,
+        in_keys: Keys = (keys.POSE, keys.PATH),
+        out_keys: Keys = (keys.WAYPOINTS, keys.PATH_PROGRESS),
+    ) -> None:
+        super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
+        for argument, names in (("in_keys", "pose, path"), ("out_keys", "waypoints, progress")):
+            if len(getattr(self, argument)) != 2:
+                raise ValueError(
+                    f"Waypoints: {argument} must be 2 keys ({names}), "
+                    f"got {getattr(self, argument)}; a nested key is a list of its own"
+                )
+        if num_waypoints < 1:
+            raise ValueError(f"num_waypoints must be at least 1, got {num_waypoints}")
+        if not spacing > 0.0:
+            raise ValueError(f"spacing must be positive (m), got {spacing}")
+        check_window(ahead, behind)
+        self.num_waypoints = num_waypoints
+        self.spacing = spacing
+        self.include_closest = include_closest
+        self.ahead = ahead
+        self.behind = behind
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        previous = read(self, tensordict, self.out_keys[1]).squeeze(-1)
+        return self._write(next_tensordict, previous)
+
+    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Start anew: search the whole path."""
+        return self._write(tensordict, None)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    @dispatch(source="in_keys", dest="out_keys")
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Map data outside an environment; a stored progress is kept, not searched again."""
+        progress_key = self.out_keys[1]
+        if progress_key in tensordict.keys(True, True):
+            self._write_points(tensordict, tensordict.get(progress_key))
+        else:
+            self._call(tensordict)
+        if "next" in tensordict:
+            following = tensordict["next"]
+            if progress_key in following.keys(True, True):
+                self._write_points(following, following.get(progress_key))
+            else:
+                self._step(tensordict, following)
+        return tensordict
+
+    def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
+        """Project the pose of ``tensordict`` onto its path and write both outputs."""
+        pose, path = (read(self, tensordict, key).float() for key in self.in_keys)
+        projection = project_onto_path(path, pose[..., :2], previous, self.ahead, self.behind)
+        progress = projection.progress.unsqueeze(-1)
+        tensordict.set(self.out_keys[1], progress)
+        return self._write_points(tensordict, progress)
+
+    def _write_points(self, tensordict: TensorDictBase, progress: Tensor) -> TensorDictBase:
+        """Write the waypoints ahead of ``progress [*B, 1]``."""
+        pose, path = (read(self, tensordict, key).float() for key in self.in_keys)
+        index = torch.arange(self.num_waypoints, device=path.device, dtype=path.dtype)
+        offset = (index + (0 if self.include_closest else 1)) * self.spacing
+        points_world = point_at(path, progress + offset)
+        points = se2.transform_points(se2.inverse(pose), points_world)
+        return tensordict.set(self.out_keys[0], points)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Return the environment's specs with those of waypoints and progress added."""
+        pose, path = (read_spec(self, observation_spec, key) for key in self.in_keys)
+        if pose.shape[-1:] != (3,) or path.shape[-1:] != (2,):
+            raise ValueError(
+                f"Waypoints needs {self.in_keys[0]!r} [*B, 3] and {self.in_keys[1]!r} [*B, P, 2], "
+                f"got {tuple(pose.shape)} and {tuple(path.shape)}"
+            )
+        batch = pose.shape[:-1]
+        observation_spec = observation_spec.clone()
+        observation_spec[self.out_keys[0]] = real_spec(pose, *batch, self.num_waypoints, 2)
+        observation_spec[self.out_keys[1]] = real_spec(pose, *batch, 1)
+        return observation_spec
+
+    def transform_input_spec(self, input_spec: Composite) -> Composite:
+        """Declare that a step reads the last progress from its caller."""
+        input_spec = input_spec.clone()
+        pose = read_spec(self, self.parent.full_observation_spec, self.in_keys[0])
+        input_spec["full_state_spec"][self.out_keys[1]] = real_spec(pose, *pose.shape[:-1], 1)
+        return input_spec
