@@ -107,7 +107,7 @@ def align(
     """Find the rigid motion that lays one scan over another.
 
     Each sample of the batch iterates on its own and is frozen as soon as it converges, so a result
-    does not depend on the rest of the batch. Points that are no returns are never used: the circle
+    does not depend on the rest of the batch, but for rounding. Points that are no returns are never used: the circle
     of maximum ranges stays where it is whatever the robot does, and would pull towards no motion.
 
     Args:

@@ -52,7 +52,7 @@ def min_pool(
         ValueError: If an argument is outside the above, naming it.
 
     Reference:
-        Paper Sec. V (1,440 beams pooled to 180) and Sec. IV-A (``d_max`` 3.5 m). The bearing of a
+        Paper Sec. IV-G (1,440 beams) and IV-C (min-pooled to 180). The bearing of a
         pooled point is not given there; the bin's centre is the authors' precursor's choice, and
         ``"beam"`` is up to half a bin (0.9 deg) more exact.
     """
@@ -75,7 +75,9 @@ def check_pooling(
     """Raise a ValueError that names the argument of :func:`min_pool` which cannot be."""
     if len(shape) < 1 or shape[-1] < 1:
         raise ValueError(f"ranges must have shape [*B, beams], got {tuple(shape)}")
-    if group_size < 1 or shape[-1] % group_size:
+    if group_size < 1:
+        raise ValueError(f"group_size must be at least 1, got {group_size}")
+    if shape[-1] % group_size:
         raise ValueError(
             f"group_size must divide the number of beams: {shape[-1]} beams, group_size {group_size}"
         )

@@ -25,12 +25,12 @@ def fit_rigid(source: Tensor, target: Tensor, weight: Tensor) -> Tensor:
         ``[*B, 3]`` T_target_source.
     """
     weight = weight / weight.sum(-1, keepdim=True).clamp(min=1e-12)
-    source_mean = (weight.unsqueeze(-1) * source).sum(-2)
-    target_mean = (weight.unsqueeze(-1) * target).sum(-2)
-    a = source - source_mean.unsqueeze(-2)
-    b = target - target_mean.unsqueeze(-2)
-    sin = (weight * (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])).sum(-1)
-    cos = (weight * (a * b).sum(-1)).sum(-1)
+    source_mean = torch.stack([(weight * source[..., i]).sum(-1) for i in (0, 1)], dim=-1)
+    target_mean = torch.stack([(weight * target[..., i]).sum(-1) for i in (0, 1)], dim=-1)
+    source_x, source_y = (source - source_mean.unsqueeze(-2)).unbind(-1)
+    target_x, target_y = (target - target_mean.unsqueeze(-2)).unbind(-1)
+    sin = (weight * (source_x * target_y - source_y * target_x)).sum(-1)
+    cos = (weight * (source_x * target_x + source_y * target_y)).sum(-1)
     yaw = torch.atan2(sin, cos)
     translation = target_mean - se2.rotate(source_mean, yaw)
     return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)

@@ -38,7 +38,7 @@ class ICPAlign(ObservationMap):
         ValueError: If an argument is not as above, naming it.
 
     Reference:
-        Paper Sec. IV-A; "ICP alignment artificially turned off" is Sec. VI. The options and what
+        Paper Sec. IV-A; "ICP alignment artificially turned off" is tested in Sec. V-E. The options and what
         the paper leaves open are described in :class:`navrl.ops.icp.IcpOptions`.
     """
 

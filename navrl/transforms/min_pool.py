@@ -31,7 +31,7 @@ class MinPool(ObservationMap):
             environment's number of beams.
 
     Reference:
-        Paper Sec. V; see :func:`navrl.ops.pooling.min_pool`.
+        Paper Sec. IV-C and IV-G; see :func:`navrl.ops.pooling.min_pool`.
     """
 
     INPUTS = ("ranges",)
@@ -46,7 +46,7 @@ class MinPool(ObservationMap):
         out_keys: Keys = (keys.RANGES_POOLED, keys.POINTS, keys.RETURNS),
     ) -> None:
         super().__init__(in_keys, out_keys)
-        check_pooling(torch.Size([group_size]), group_size, max_range, bearing)
+        check_pooling(torch.Size([max(1, group_size)]), group_size, max_range, bearing)
         self.group_size = group_size
         self.max_range = max_range
         self.bearing = bearing

@@ -48,7 +48,7 @@ class ObservationMap(Transform):
     def map_specs(self, *inputs: TensorSpec) -> Sequence[TensorSpec]:
         """Return one spec per output key, or raise a ValueError if the inputs do not fit."""
 
-    @dispatch(source="in_keys", dest="out_keys")
+    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Map data outside an environment; a transition is mapped at its root and its next."""
         self._call(tensordict)

@@ -60,7 +60,7 @@ class ScanHistory(Transform):
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
-    @dispatch(source="in_keys", dest="out_keys")
+    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Restore the past of stored data.
 

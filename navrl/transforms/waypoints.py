@@ -37,7 +37,7 @@ class Waypoints(Transform):
         ValueError: If an argument is not as above, or later if the environment lacks a key.
 
     Reference:
-        Paper Sec. IV-B, P_t^f. The formula there includes the closest point p^c while the text
+        Paper Sec. IV-C, P_t^f. The formula there includes the closest point p^c while the text
         says "upcoming"; the authors' precursor starts one spacing ahead, which is the default.
     """
 
@@ -82,7 +82,7 @@ class Waypoints(Transform):
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
 
-    @dispatch(source="in_keys", dest="out_keys")
+    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Map data outside an environment; a stored progress is kept, not searched again."""
         progress_key = self.out_keys[1]

@@ -1,0 +1,306 @@
+"""Every transform against the contract, and what each promises beyond it."""
+
+import math
+
+import pytest
+import torch
+from contract import TransformContract, assert_same, make_env
+from lidar_envs import RoomEnv, StrangersEnv
+from tensordict import TensorDict
+from torchrl.envs import Compose, GymWrapper, TransformedEnv
+
+from navrl import keys
+from navrl.ops import se2
+from navrl.transforms import (
+    TAGD,
+    ICPAlign,
+    MinPool,
+    Normalize,
+    ScanHistory,
+    Waypoints,
+    compose,
+)
+
+PAIRS = [[keys.POINTS, keys.RETURNS], [keys.PREVIOUS_POINTS, keys.PREVIOUS_RETURNS]]
+
+
+def strangers_scan() -> list:
+    """Pool the stranger's 90 beams to 30 points under nested keys, and keep the last scan."""
+    return [
+        MinPool(
+            3, 2.5, in_keys=["laser"], out_keys=[["scan", "r"], ["scan", "xy"], ["scan", "hit"]]
+        ),
+        ScanHistory(
+            in_keys=[["scan", "xy"], ["scan", "hit"]], out_keys=[["last", "xy"], ["last", "hit"]]
+        ),
+    ]
+
+
+def strangers_icp(**options) -> ICPAlign:
+    return ICPAlign(
+        **options,
+        in_keys=[["last", "xy"], ["last", "hit"], ["scan", "xy"], ["scan", "hit"]],
+        out_keys=[["last", "aligned"], "motion", "ok", "matches"],
+    )
+
+
+class TestMinPool(TransformContract):
+    def make(self, **kwargs):
+        return MinPool(group_size=4, **kwargs)
+
+    def in_foreign_env(self):
+        return strangers_scan()[:1]
+
+    def test_group_size_must_divide_the_beams(self):
+        with pytest.raises(ValueError, match=r"'ranges'.*48 beams, group_size 7"):
+            _ = make_env([MinPool(group_size=7)]).observation_spec
+
+    def test_called_with_bare_tensors(self):
+        pooled, points, returns = MinPool()(ranges=torch.full((2, 1440), 1.0))
+        assert pooled.shape == (2, 180) and points.shape == (2, 180, 2) and returns.all()
+
+
+class TestScanHistory(TransformContract):
+    is_memoryless = False
+
+    def before(self):
+        return [MinPool(group_size=4)]
+
+    def make(self, **kwargs):
+        return ScanHistory(**kwargs)
+
+    def in_foreign_env(self):
+        return strangers_scan()
+
+    def check_rollout(self, rollout):
+        for now, previous in zip(*PAIRS, strict=True):
+            torch.testing.assert_close(rollout["next", previous], rollout[now], rtol=0, atol=0)
+        root = rollout[..., 0]
+        torch.testing.assert_close(root[keys.PREVIOUS_POINTS], root[keys.POINTS])
+        done = rollout["next", "done"][..., :-1, 0]
+        after, before = rollout[..., 1:], rollout[..., :-1]
+        torch.testing.assert_close(after[keys.PREVIOUS_POINTS][~done], before[keys.POINTS][~done])
+        torch.testing.assert_close(after[keys.PREVIOUS_POINTS][done], after[keys.POINTS][done])
+
+    def test_each_caller_has_its_own_past(self):
+        """Two streams through one environment do not mix: nothing is kept in the transform."""
+        env = make_env(self.steps())
+        one, other = env.reset(), env.reset()
+        for root in (one, other, one):
+            root["action"] = torch.zeros(4, 2)
+            following = env.step(root.clone())["next"]
+            torch.testing.assert_close(following[keys.PREVIOUS_POINTS], root[keys.POINTS])
+
+
+class TestICPAlign(TransformContract):
+    tolerance = 1e-5
+
+    def before(self):
+        return [MinPool(group_size=1), ScanHistory()]
+
+    def make(self, **kwargs):
+        return ICPAlign(**kwargs)
+
+    def in_foreign_env(self):
+        return [*strangers_scan(), strangers_icp()]
+
+    def test_aligned_points_follow_from_the_transform(self):
+        rollout = self.rollout()
+        expected = se2.transform_points(rollout[keys.ICP_TRANSFORM], rollout[keys.PREVIOUS_POINTS])
+        torch.testing.assert_close(rollout[keys.ALIGNED_POINTS], expected)
+
+    def test_follows_the_robot(self):
+        steps = [MinPool(group_size=1), ScanHistory(), ICPAlign(metric="point_to_line")]
+        env = TransformedEnv(RoomEnv(num_beams=180, done_rate=0.0), Compose(*steps))
+        env.set_seed(0)
+        rollout = env.rollout(20)
+        moved = se2.relative(rollout["next", "pose"], rollout["pose"])
+        error = (rollout["next", keys.ICP_TRANSFORM] - moved).abs()
+        assert error.amax(-1).median() < 0.01
+
+    def test_reset_has_not_moved(self):
+        root = make_env(self.steps()).reset()
+        assert root[keys.ICP_TRANSFORM].abs().max() < 1e-6 and root[keys.ICP_CONVERGED].all()
+
+
+class TestICPAlignRobust(TestICPAlign):
+    def make(self, **kwargs):
+        return ICPAlign(
+            initialization="rotation_search", metric="point_to_line", gate=0.3, **kwargs
+        )
+
+    def in_foreign_env(self):
+        return [*strangers_scan(), strangers_icp(initialization="rotation_search")]
+
+
+class TestNoAlignment(TransformContract):
+    def before(self):
+        return [MinPool(group_size=4), ScanHistory()]
+
+    def make(self, **kwargs):
+        return ICPAlign(method="none", **kwargs)
+
+    def in_foreign_env(self):
+        return [*strangers_scan(), strangers_icp(method="none")]
+
+    def test_is_the_identity(self):
+        rollout = self.rollout()
+        assert_same(
+            rollout.select(keys.ALIGNED_POINTS).rename_key_(
+                keys.ALIGNED_POINTS, keys.PREVIOUS_POINTS
+            ),
+            rollout,
+            [keys.PREVIOUS_POINTS],
+        )
+        assert (rollout[keys.ICP_TRANSFORM] == 0).all()
+        assert not rollout[keys.ICP_CONVERGED].any()
+
+
+class TestTAGD(TransformContract):
+    def before(self):
+        return [MinPool(group_size=2), ScanHistory(), ICPAlign()]
+
+    def make(self, **kwargs):
+        return TAGD(num_groups=8, **kwargs)
+
+    def in_foreign_env(self):
+        in_keys = [["scan", "xy"], ["scan", "hit"], ["last", "aligned"], ["last", "hit"]]
+        tagd = TAGD(max_range=2.5, in_keys=in_keys, out_keys=[["tagd", "c"], ["tagd", "real"]])
+        return [*strangers_scan(), strangers_icp(), tagd]
+
+
+class TestWaypoints(TransformContract):
+    is_memoryless = False
+
+    def make(self, **kwargs):
+        return Waypoints(**kwargs)
+
+    def in_foreign_env(self):
+        return [
+            Waypoints(
+                3, 0.5, in_keys=["odometry", "route"], out_keys=[["ahead", "xy"], ["ahead", "arc"]]
+            )
+        ]
+
+    def check_rollout(self, rollout):
+        progress = rollout[keys.PATH_PROGRESS]
+        following = rollout["next", keys.PATH_PROGRESS]
+        assert (following >= progress).all() and (following <= progress + 1.0 + 1e-5).all()
+        done = rollout["next", "done"][..., :-1, :]
+        torch.testing.assert_close(progress[..., 1:, :][~done], following[..., :-1, :][~done])
+        world = se2.transform_points(rollout[keys.POSE], rollout[keys.WAYPOINTS])
+        gap = world.diff(dim=-2).norm(dim=-1)
+        assert (gap <= 0.3 + 1e-5).all()
+
+    def test_projection_at_reset_forgets_the_episode_before(self):
+        env = make_env([Waypoints()])
+        root = env.reset()
+        root[keys.PATH_PROGRESS] = torch.full((4, 1), 100.0)
+        mask = torch.tensor([[True], [True], [False], [False]])
+        after = env.reset(root.clone().set("_reset", mask))[keys.PATH_PROGRESS]
+        assert (after[:2] < 10.0).all() and (after[2:] == 100.0).all()
+
+    def test_step_without_progress_is_an_error_that_says_so(self):
+        env = make_env([Waypoints()])
+        root = env.reset().exclude(keys.PATH_PROGRESS)
+        root["action"] = torch.zeros(4, 2)
+        with pytest.raises(ValueError, match="path_progress"):
+            env.step(root)
+
+    @pytest.mark.parametrize(("include_closest", "first"), [(False, 0.3), (True, 0.0)])
+    def test_straight_path_by_hand(self, include_closest, first):
+        path = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+        pose = torch.tensor([0.4, 0.5, math.pi / 2])  # looking along y, path to its right and below
+        waypoints, progress = Waypoints(include_closest=include_closest)(pose=pose, path=path)
+        ahead = torch.clamp(0.4 + first + 0.3 * torch.arange(5), max=1.0)  # then the goal, repeated
+        expected = torch.stack([torch.full((5,), -0.5), 0.4 - ahead], dim=-1)
+        torch.testing.assert_close(waypoints, expected)
+        torch.testing.assert_close(progress, torch.tensor([0.4]))
+
+
+class TestNormalize(TransformContract):
+    in_keys = (keys.POINTS, keys.RANGES)
+    out_keys = ("spatial", "distance")
+
+    def before(self):
+        return [MinPool(group_size=4)]
+
+    def make(self, **kwargs):
+        return Normalize(3.5, **{"in_keys": self.in_keys, "out_keys": self.out_keys, **kwargs})
+
+    def in_foreign_env(self):
+        return [
+            *strangers_scan(),
+            Normalize(2.5, in_keys=[["scan", "xy"]], out_keys=[["network", "spatial"]]),
+        ]
+
+    def test_bounds_are_scaled(self):
+        env = make_env(self.steps())
+        assert env.observation_spec["spatial"].space.high.max() == 1.0
+        assert self.rollout()["spatial"].abs().max() <= 1.0
+
+
+class TestCompose:
+    def test_keeps_the_order_and_drops_null(self):
+        chain = compose(pool=MinPool(), history=None, last=Normalize())
+        assert [type(step) for step in chain] == [MinPool, Normalize]
+
+    def test_names_what_is_no_transform(self):
+        with pytest.raises(ValueError, match="'pool'.*42"):
+            compose(pool=42)
+
+    def test_whole_pipeline_in_one_env(self):
+        env = TransformedEnv(
+            RoomEnv(num_beams=1440),
+            compose(
+                min_pool=MinPool(),
+                scan_history=ScanHistory(),
+                icp_align=ICPAlign(),
+                tagd=TAGD(),
+                waypoints=Waypoints(),
+                normalize=Normalize(),
+            ),
+        )
+        following = env.rollout(3)["next"]
+        assert following[keys.SPATIAL_INPUT].shape[-2:] == (180, 2)
+        assert following[keys.TEMPORAL_INPUT].shape[-2:] == (30, 4)
+        assert following[keys.WAYPOINT_INPUT].shape[-2:] == (5, 2)
+
+    def test_a_strangers_vector_of_envs(self):
+        env = GymWrapper(StrangersEnv(), device="cpu")
+        env = TransformedEnv(env, Compose(*strangers_scan(), strangers_icp()))
+        assert env.rollout(5)["next", "ok"].any()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: MinPool(0), "group_size.*0"),
+        (lambda: MinPool(max_range=-1.0), "max_range.*-1"),
+        (lambda: MinPool(bearing="edge"), "bearing.*'edge'"),
+        (lambda: MinPool(out_keys=["points"]), "out_keys must be 3 keys"),
+        (lambda: ScanHistory(in_keys=["a"], out_keys=["b", "c"]), "out_keys"),
+        (lambda: ICPAlign(method="odometry"), "method.*odometry"),
+        (lambda: ICPAlign(gate=0.0), "gate.*0.0"),
+        (lambda: ICPAlign(metric="plane"), "metric.*'plane'"),
+        (lambda: ICPAlign(min_pairs=1), "min_pairs.*1"),
+        (lambda: ICPAlign(search_range=4.0), "search_range.*4.0"),
+        (lambda: TAGD(num_groups=0), "num_groups.*0"),
+        (lambda: TAGD(group_radius=-0.1), "group_radius.*-0.1"),
+        (lambda: TAGD(empty_previous="nan"), "empty_previous.*'nan'"),
+        (lambda: Waypoints(num_waypoints=0), "num_waypoints.*0"),
+        (lambda: Waypoints(spacing=0.0), "spacing.*0.0"),
+        (lambda: Waypoints(ahead=0.0), "ahead.*0.0"),
+        (lambda: Waypoints(in_keys=["pose"]), "in_keys must be 2 keys"),
+        (lambda: Normalize(scale=0.0), "scale.*0.0"),
+        (lambda: Normalize(in_keys=["a", "b"], out_keys=["c"]), "out_keys must be 2 keys"),
+    ],
+)
+def test_bad_arguments_are_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_unrelated_entries_are_left_alone():
+    data = TensorDict({"ranges": torch.rand(3, 16), "mine": torch.ones(3)}, [3])
+    assert (MinPool(group_size=2)(data)["mine"] == 1).all()
