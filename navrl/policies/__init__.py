@@ -1,0 +1,1 @@
+"""Policies: trained bundles and classical controllers."""

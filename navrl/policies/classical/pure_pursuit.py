@@ -1,0 +1,64 @@
+"""Pure pursuit: steer at a waypoint ahead, blind to all obstacles."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
+from navrl import keys
+from navrl.sim import DifferentialDrive
+
+
+class PurePursuit(TensorDictModuleBase):
+    """Follow the path at full speed on the arc through a waypoint.
+
+    Args:
+        robot: Whose limits scale the action.
+        waypoint: Index of the waypoint that is pursued.
+        waypoints_key: TensorDict key of the waypoints ``[*B, N_f, 2]`` m, robot frame.
+
+    Raises:
+        ValueError: If ``waypoint`` is negative.
+
+    Reference:
+        Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU 1992. Slowing
+        down so that the arc stays within the turn rate is ours.
+    """
+
+    def __init__(
+        self,
+        robot: DifferentialDrive,
+        waypoint: int = 1,
+        waypoints_key: str = keys.WAYPOINTS,
+    ) -> None:
+        super().__init__()
+        if waypoint < 0:
+            raise ValueError(f"waypoint={waypoint}: must be >= 0")
+        self.robot, self.waypoint = robot, waypoint
+        self.in_keys, self.out_keys = [waypoints_key], [keys.ACTION]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the normalised action ``[*B, 2]``."""
+        points = tensordict.get(self.in_keys[0])
+        if self.waypoint >= points.shape[-2]:
+            raise ValueError(
+                f"waypoint={self.waypoint}: there are only {points.shape[-2]} waypoints"
+            )
+        x, y = points[..., self.waypoint, :].unbind(-1)
+        squared = (x.square() + y.square()).clamp_min(1e-6)
+        curvature = 2 * y / squared
+        robot = self.robot
+        speed = torch.minimum(
+            torch.full_like(x, robot.max_speed),
+            robot.max_turn_rate / curvature.abs().clamp_min(1e-6),
+        )
+        # A goal behind the robot: turn on the spot.
+        turn_only = x < 0
+        speed = torch.where(turn_only, 0.0, speed)
+        turn = torch.where(turn_only, torch.sign(y) * robot.max_turn_rate, speed * curvature)
+        low = torch.tensor([robot.min_speed, -robot.max_turn_rate], device=x.device)
+        high = torch.tensor([robot.max_speed, robot.max_turn_rate], device=x.device)
+        command = torch.stack([speed, turn], dim=-1)
+        action = (2 * command - (low + high)) / (high - low)
+        return tensordict.set(keys.ACTION, action.clamp(-1.0, 1.0))

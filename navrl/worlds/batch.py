@@ -1,0 +1,182 @@
+"""Many scenarios as tensors: the form in which simulators take them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
+
+KINDS = ("corridor", "intersection", "office", "other")
+
+
+@dataclass(frozen=True)
+class ScenarioBatch:
+    """S scenarios, padded to the same number of walls W and pedestrians K.
+
+    Args:
+        boxes: ``[S, W, 5]`` float64 walls; rows from ``num_boxes`` on are padding.
+        num_boxes: ``[S]`` int64.
+        start: ``[S, 3]`` float64 robot pose.
+        goal: ``[S, 2]`` float64 m.
+        path: ``[S, MAX_PATH_POINTS, 2]`` float32 m, padded by repeating the goal.
+        path_length: ``[S]`` float64 m.
+        route: ``[S, K, MAX_ROUTE_POINTS, 2]`` float64 m, padded by repeating the last point.
+        route_arc: ``[S, K, MAX_ROUTE_POINTS]`` float64 m, arc length of each route point.
+        ped_speed: ``[S, K]`` float64 m/s.
+        ped_offset: ``[S, K]`` float64 m.
+        ped_half: ``[S, K, 2]`` float64 m.
+        ped_present: ``[S, K]`` bool.
+        ped_static: ``[S, K]`` bool.
+        kind: ``[S]`` int64, index into :data:`KINDS`.
+        noise_seed: ``[S]`` int64.
+    """
+
+    boxes: Tensor
+    num_boxes: Tensor
+    start: Tensor
+    goal: Tensor
+    path: Tensor
+    path_length: Tensor
+    route: Tensor
+    route_arc: Tensor
+    ped_speed: Tensor
+    ped_offset: Tensor
+    ped_half: Tensor
+    ped_present: Tensor
+    ped_static: Tensor
+    kind: Tensor
+    noise_seed: Tensor
+
+    @classmethod
+    def pack(
+        cls,
+        scenarios: Sequence[Scenario],
+        max_boxes: int | None = None,
+        max_pedestrians: int | None = None,
+    ) -> ScenarioBatch:
+        """Stack scenarios.
+
+        Args:
+            scenarios: At least one.
+            max_boxes: W; the largest number found if ``None``.
+            max_pedestrians: K; the largest number found, at least 1, if ``None``.
+
+        Raises:
+            ValueError: If there is no scenario, or one does not fit.
+        """
+        if not scenarios:
+            raise ValueError("scenarios: need at least one, got none")
+        boxes = max(len(s.boxes) for s in scenarios)
+        people = max(len(s.pedestrians) for s in scenarios)
+        for name, limit, found in (
+            ("max_boxes", max_boxes, boxes),
+            ("max_pedestrians", max_pedestrians, people),
+        ):
+            if limit is not None and found > limit:
+                raise ValueError(f"{name}={limit}: a scenario has {found}")
+        rows = [_row(s, max_boxes or max(boxes, 1), max_pedestrians or max(people, 1)) for s in scenarios]
+        return cls(**{k: torch.from_numpy(np.stack([row[k] for row in rows])) for k in rows[0]})
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def __getitem__(self, rows: Tensor) -> ScenarioBatch:
+        return ScenarioBatch(**{name: value[rows] for name, value in self.tensors().items()})
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return all tensors by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @classmethod
+    def from_tensors(cls, tensors: Mapping[str, Tensor]) -> ScenarioBatch:
+        """Rebuild from :meth:`tensors`."""
+        return cls(**{field.name: tensors[field.name] for field in fields(cls)})
+
+    def to(self, device: torch.device | str) -> ScenarioBatch:
+        """Move all tensors."""
+        return ScenarioBatch(**{name: value.to(device) for name, value in self.tensors().items()})
+
+    def with_num_dynamic(self, count: Tensor) -> ScenarioBatch:
+        """Keep the first ``count [S]`` dynamic pedestrians of each scenario, and all static ones."""
+        dynamic = self.ped_present & ~self.ped_static
+        kept = dynamic.cumsum(dim=-1) <= count.unsqueeze(-1)
+        return ScenarioBatch(
+            **{**self.tensors(), "ped_present": self.ped_present & (self.ped_static | kept)}
+        )
+
+    def with_noise_seed(self, noise_seed: Tensor) -> ScenarioBatch:
+        """Replace the seeds ``[S]`` of the lidar's noise."""
+        return ScenarioBatch(**{**self.tensors(), "noise_seed": noise_seed})
+
+
+def _row(scenario: Scenario, max_boxes: int, max_pedestrians: int) -> dict[str, np.ndarray]:
+    people = scenario.pedestrians
+    boxes = np.zeros((max_boxes, 5))
+    boxes[: len(scenario.boxes)] = scenario.boxes
+    path = np.repeat(scenario.path[-1:], MAX_PATH_POINTS, axis=0)
+    path[: len(scenario.path)] = scenario.path
+    route = np.zeros((max_pedestrians, MAX_ROUTE_POINTS, 2))
+    arc = np.zeros((max_pedestrians, MAX_ROUTE_POINTS))
+    for k, person in enumerate(people):
+        route[k] = person.route[-1]
+        route[k, : len(person.route)] = person.route
+        arc[k, 1:] = np.linalg.norm(np.diff(route[k], axis=0), axis=1).cumsum()
+    pad = max_pedestrians - len(people)
+    half = [person.half_size for person in people] + [(0.0, 0.0)] * pad
+    return {
+        "boxes": boxes,
+        "num_boxes": np.int64(len(scenario.boxes)),
+        "start": scenario.start,
+        "goal": scenario.goal,
+        "path": path.astype(np.float32),
+        "path_length": np.linalg.norm(np.diff(scenario.path, axis=0), axis=1).sum(),
+        "route": route,
+        "route_arc": arc,
+        "ped_speed": np.array([p.speed for p in people] + [0.0] * pad),
+        "ped_offset": np.array([p.offset for p in people] + [0.0] * pad),
+        "ped_half": np.array(half, dtype=np.float64).reshape(-1, 2),
+        "ped_present": np.arange(max_pedestrians) < len(people),
+        "ped_static": np.array([p.is_static for p in people] + [False] * pad),
+        "kind": np.int64(KINDS.index(scenario.kind if scenario.kind in KINDS else "other")),
+        "noise_seed": np.int64(scenario.noise_seed),
+    }
+
+
+def pedestrian_boxes(batch: ScenarioBatch, time_s: Tensor) -> Tensor:
+    """Return where the pedestrians are.
+
+    The position along the route is a triangle wave of time: there and back at constant speed. The
+    yaw is the direction of travel; somebody who stands has yaw 0.
+
+    Args:
+        batch: S scenarios.
+        time_s: ``[S]`` s since the start.
+
+    Returns:
+        ``[S, K, 5]`` float64 (cx, cy, hx, hy, yaw), world; NaN rows where nobody is.
+    """
+    length = batch.route_arc[..., -1]
+    travelled = batch.ped_offset + batch.ped_speed * time_s.double().unsqueeze(-1)
+    phase = torch.remainder(travelled, (2 * length).clamp_min(1e-9))
+    returning = phase > length
+    arc = torch.where(returning, 2 * length - phase, phase).clamp_min(0.0)
+    ends = batch.route_arc[..., 1:].contiguous()
+    segment = torch.searchsorted(ends, arc.unsqueeze(-1)).clamp_max(MAX_ROUTE_POINTS - 2)
+    pair = segment.unsqueeze(-1).expand(*segment.shape, 2)
+    first = batch.route.gather(-2, pair).squeeze(-2)
+    second = batch.route.gather(-2, pair + 1).squeeze(-2)
+    begin = batch.route_arc.gather(-1, segment).squeeze(-1)
+    step = second - first
+    size = step.norm(dim=-1)
+    share = ((arc - begin) / size.clamp_min(1e-9)).clamp(0.0, 1.0)
+    position = first + share.unsqueeze(-1) * step
+    sign = torch.where(returning, -1.0, 1.0).double()
+    yaw = torch.atan2(sign * step[..., 1], sign * step[..., 0])
+    yaw = torch.where(batch.ped_static | (size == 0), 0.0, yaw)
+    boxes = torch.cat([position, batch.ped_half, yaw.unsqueeze(-1)], dim=-1)
+    return boxes.masked_fill(~batch.ped_present.unsqueeze(-1), torch.nan)

@@ -1,0 +1,129 @@
+"""From (suite, seed, index) to a scenario."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from navrl.worlds.layout import Layout, World
+from navrl.worlds.pedestrians import PedestrianPlacer
+from navrl.worlds.planner import Grid, NoPathError, resample, smooth
+from navrl.worlds.scenario import MAX_PATH_POINTS, Pedestrian, Scenario
+
+_TRIES = 50
+_INFLATIONS = (0.4, 0.3, 0.25)  # m, the widest that still connects start and goal is taken
+
+
+@dataclass(frozen=True)
+class WeightedWorld:
+    """A world generator and how often it is drawn, relative to the others."""
+
+    world: World
+    weight: float = 1.0
+
+
+class ScenarioDistribution:
+    """Draw worlds, paths and pedestrians.
+
+    Args:
+        worlds: Generator and weight by name; ``None`` leaves one out.
+        num_dynamic: (least, most) dynamic pedestrians, uniform.
+        num_static: (least, most) static pedestrians, uniform.
+        speed: (least, most) m/s of dynamic pedestrians, uniform.
+        half_size: m, half sides of every pedestrian's cuboid.
+        has_walls: Whether walls stay after all has been planned with them (the paper's open-space
+            test removes them).
+
+    Raises:
+        ValueError: If a range is not ordered, a count negative, or no world has weight.
+
+    Reference:
+        Paper Sec. IV-E: 1 to N_dyn^max dynamic and 1 to 2 static pedestrians at 0.5 to 1.0 m/s.
+    """
+
+    def __init__(
+        self,
+        worlds: Mapping[str, WeightedWorld | None],
+        num_dynamic: Sequence[int] = (1, 2),
+        num_static: Sequence[int] = (1, 2),
+        speed: Sequence[float] = (0.5, 1.0),
+        half_size: Sequence[float] = (0.15, 0.15),
+        has_walls: bool = True,
+    ) -> None:
+        ranges = {"num_dynamic": num_dynamic, "num_static": num_static, "speed": speed}
+        for name, bounds in ranges.items():
+            if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1]:
+                raise ValueError(f"{name}={list(bounds)}: need 0 <= least <= most")
+        self.worlds = {name: item for name, item in worlds.items() if item is not None}
+        weights = np.array([item.weight for item in self.worlds.values()])
+        if not len(weights) or (weights < 0).any() or weights.sum() <= 0:
+            raise ValueError(f"worlds={list(self.worlds)}: weights must be >= 0 and not all 0")
+        self._shares = weights / weights.sum()
+        self.num_dynamic, self.num_static = tuple(num_dynamic), tuple(num_static)
+        self.speed, self.half_size = tuple(speed), tuple(half_size)
+        self.has_walls = has_walls
+
+    def sample(self, suite: str, seed: int, index: int) -> Scenario:
+        """Return scenario ``index``; the same arguments always give the same one.
+
+        Raises:
+            RuntimeError: If many draws in a row cannot be planned (an impossible configuration).
+        """
+        entropy = [seed, zlib.crc32(suite.encode()), index]
+        generator = np.random.default_rng(np.random.SeedSequence(entropy))
+        for _ in range(_TRIES):
+            try:
+                return self._draw(generator, suite, seed, index)
+            except NoPathError as error:
+                reason = error
+        raise RuntimeError(f"no scenario in {_TRIES} draws ({suite}, {seed}, {index}): {reason}")
+
+    def _draw(
+        self, generator: np.random.Generator, suite: str, seed: int, index: int
+    ) -> Scenario:
+        items = list(self.worlds.values())
+        world = items[generator.choice(len(items), p=self._shares)].world
+        layout = world.layout(generator)
+        grid = Grid(layout.boxes, layout.extent)
+        path, inflation = _plan(grid, layout)
+        people = self._people(generator, PedestrianPlacer(
+            generator, grid, path, min(inflation, 0.3), half_size=self.half_size
+        ))
+        ahead = path[min(3, len(path) - 1)] - path[0]
+        return Scenario(
+            suite=suite,
+            seed=seed,
+            index=index,
+            kind=world.kind,
+            boxes=layout.boxes if self.has_walls else np.zeros((0, 5)),
+            start=np.array([*path[0], np.arctan2(ahead[1], ahead[0])]),
+            goal=path[-1].copy(),
+            path=path,
+            pedestrians=people,
+            noise_seed=int(generator.integers(2**32)),
+        )
+
+    def _people(
+        self, generator: np.random.Generator, placer: PedestrianPlacer
+    ) -> tuple[Pedestrian, ...]:
+        num_dynamic = int(generator.integers(self.num_dynamic[0], self.num_dynamic[1] + 1))
+        num_static = int(generator.integers(self.num_static[0], self.num_static[1] + 1))
+        dynamic = [
+            placer.dynamic(k, float(generator.uniform(*self.speed))) for k in range(num_dynamic)
+        ]
+        return (*dynamic, *(placer.static() for _ in range(num_static)))
+
+
+def _plan(grid: Grid, layout: Layout) -> tuple[np.ndarray, float]:
+    """Return the smoothed path ``[P, 2]`` m and the inflation it was found at."""
+    for inflation in _INFLATIONS:
+        field = grid.field(layout.goal, inflation)
+        if field.reaches(layout.start):
+            path = smooth(field.route(layout.start), grid, inflation - 0.1)
+            if len(path) > MAX_PATH_POINTS:
+                path = resample(path, 0.1 * len(path) / MAX_PATH_POINTS)
+            return path[:MAX_PATH_POINTS], inflation
+    raise NoPathError("start and goal are not connected")

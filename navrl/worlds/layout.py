@@ -1,0 +1,61 @@
+"""What a world generator makes: walls, a start, a goal, and the region in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+WALL_THICKNESS = 0.1  # m, authors' precursor
+
+
+@dataclass(frozen=True)
+class Layout:
+    """An empty world.
+
+    Args:
+        boxes: ``[W, 5]`` axis-aligned walls, m.
+        extent: (x0, y0, x1, y1) m.
+        start: ``[2]`` m.
+        goal: ``[2]`` m.
+    """
+
+    boxes: np.ndarray
+    extent: tuple[float, float, float, float]
+    start: np.ndarray
+    goal: np.ndarray
+
+
+class World(Protocol):
+    """A generator of layouts; the kind of world is its class's ``kind``."""
+
+    kind: str
+
+    def layout(self, generator: np.random.Generator) -> Layout:
+        """Draw a layout."""
+        ...
+
+
+def wall(x0: float, y0: float, x1: float, y1: float) -> list[float]:
+    """Return the box around a straight, axis-aligned wall's centre line, with square ends."""
+    half = WALL_THICKNESS / 2
+    return [
+        (x0 + x1) / 2,
+        (y0 + y1) / 2,
+        abs(x1 - x0) / 2 + half,
+        abs(y1 - y0) / 2 + half,
+        0.0,
+    ]
+
+
+def check_range(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Return ``bounds`` as a pair if it is positive and ordered.
+
+    Raises:
+        ValueError: Otherwise, naming it.
+    """
+    low, high = bounds
+    if not 0 < low <= high:
+        raise ValueError(f"{name}={list(bounds)}: need 0 < low <= high")
+    return float(low), float(high)

@@ -1,0 +1,94 @@
+"""Rooms joined by doorways."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navrl.worlds.layout import WALL_THICKNESS, Layout, wall
+
+Room = tuple[float, float, float, float]
+
+
+class Office:
+    """A square of fixed outer size, split at random into rooms; start and goal in opposite corners.
+
+    The square is halved by a wall with a doorway, and each half that is long enough again, across.
+
+    Args:
+        size: m, outer side.
+        door: m, clear width of a doorway.
+        min_room: m, least side of a room.
+        inset: m from start and goal to the walls of their corners.
+
+    Raises:
+        ValueError: If a door does not fit into the smallest room, or two rooms into the office.
+
+    Reference:
+        Paper Sec. IV-E: fixed outer size, random inner walls, doorways. 7 m and 1.1 m are the
+        authors' precursor's.
+    """
+
+    kind = "office"
+
+    def __init__(
+        self, size: float = 7.0, door: float = 1.1, min_room: float = 2.2, inset: float = 0.5
+    ) -> None:
+        if not 0 < door < min_room - 4 * WALL_THICKNESS or 2 * min_room > size:
+            raise ValueError(
+                f"door={door}, min_room={min_room}, size={size}: need door < min_room - 0.4 and "
+                "2 min_room <= size"
+            )
+        self.size, self.door, self.min_room, self.inset = size, door, min_room, inset
+
+    def layout(self, generator: np.random.Generator) -> Layout:
+        """Draw a layout."""
+        half = self.size / 2
+        boxes = [
+            wall(-half, -half, half, -half),
+            wall(-half, half, half, half),
+            wall(-half, -half, -half, half),
+            wall(half, -half, half, half),
+        ]
+        first = int(generator.integers(2))
+        cut = generator.uniform(-half + self.min_room, half - self.min_room)
+        door = self._door(generator, -half, half)
+        boxes += _split(first, cut, -half, half, door)
+        for low, high in ((-half, cut), (cut, half)):
+            if generator.random() < 0.15:
+                continue  # some rooms stay whole
+            cross = self._cut_beside(generator, -half, half, door)
+            if cross is not None:
+                inner = self._door(generator, low, high)
+                boxes += _split(1 - first, cross, low, high, inner)
+        corner = (half - self.inset) * generator.choice([-1.0, 1.0], size=2)
+        return Layout(np.array(boxes), (-half, -half, half, half), corner, -corner)
+
+    def _door(self, generator: np.random.Generator, low: float, high: float) -> Room:
+        margin = self.door / 2 + 2 * WALL_THICKNESS
+        centre = generator.uniform(low + margin, high - margin)
+        return centre - self.door / 2, centre + self.door / 2
+
+    def _cut_beside(
+        self, generator: np.random.Generator, low: float, high: float, door: Room
+    ) -> float | None:
+        """Draw where a second wall meets the first one, off its doorway and with room on each side."""
+        gap = 2 * WALL_THICKNESS
+        spans = [
+            (low + self.min_room, min(door[0] - gap, high - self.min_room)),
+            (max(door[1] + gap, low + self.min_room), high - self.min_room),
+        ]
+        spans = [(a, b) for a, b in spans if b > a]
+        if not spans:
+            return None
+        lengths = np.array([b - a for a, b in spans])
+        a, b = spans[generator.choice(len(spans), p=lengths / lengths.sum())]
+        return generator.uniform(a, b)
+
+
+def _split(axis: int, at: float, low: float, high: float, door: Room) -> list[list[float]]:
+    """Return the two pieces of a wall across ``axis`` with a doorway in it."""
+    half = WALL_THICKNESS / 2
+    pieces = ((low, door[0] - half), (door[1] + half, high))
+    if axis == 0:
+        return [wall(at, a, at, b) for a, b in pieces]
+    return [wall(a, at, b, at) for a, b in pieces]

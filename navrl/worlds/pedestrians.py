@@ -1,0 +1,163 @@
+"""Where pedestrians walk and stand: the first ones around the robot's path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navrl.worlds.planner import Field, Grid, NoPathError, resample
+from navrl.worlds.scenario import MAX_ROUTE_POINTS, Pedestrian
+
+_TRIES = 30
+_STATIC_CLEARANCE = 0.65  # m, centre to wall: 0.5 m beside a 0.3 m person lets the robot pass
+
+
+class PedestrianPlacer:
+    """Sample pedestrians for one empty world.
+
+    The first dynamic pedestrian walks the robot's path towards it, the second between two places
+    beside that path, the others between places drawn anywhere, on routes that touch the path if a
+    few draws find one. Static ones stand on the path.
+
+    Args:
+        generator: Source of all randomness.
+        grid: Clearance map of the world.
+        path: ``[P, 2]`` m, the robot's path.
+        inflation: m that routes keep off the walls where they can.
+        start_clearance: m, nobody begins nearer to the robot's start.
+        half_size: m, of every cuboid.
+
+    Reference:
+        Paper Sec. IV-E1; standing on the path at least 1.2 m from its ends, and the pedestrian that
+        walks the robot's path backwards, are the authors' precursor's.
+    """
+
+    def __init__(
+        self,
+        generator: np.random.Generator,
+        grid: Grid,
+        path: np.ndarray,
+        inflation: float,
+        start_clearance: float = 1.2,
+        half_size: tuple[float, float] = (0.15, 0.15),
+    ) -> None:
+        self.generator, self.grid, self.path = generator, grid, path
+        self.inflation, self.start_clearance, self.half_size = (
+            inflation,
+            start_clearance,
+            half_size,
+        )
+        self._fields: list[Field] = []
+
+    def dynamic(self, index: int, speed: float) -> Pedestrian:
+        """Sample the ``index``-th dynamic pedestrian."""
+        if index == 0:
+            return self._walker(self._oncoming(), speed)
+        if index == 1:
+            return self._walker(self._beside(), speed)
+        return self._walker(self._crossing(), speed)
+
+    def static(self) -> Pedestrian:
+        """Sample a standing pedestrian on the path that leaves a way past.
+
+        Raises:
+            NoPathError: If the path has no such place.
+        """
+        reach = len(self.path) - 1
+        margin = round(1.2 / 0.1)
+        if reach <= 2 * margin:
+            raise NoPathError("the path is too short for somebody to stand on it")
+        for _ in range(_TRIES):
+            place = self.path[self.generator.integers(margin, reach - margin + 1)]
+            place = place + self.generator.uniform(-0.3, 0.3, size=2)
+            if self.grid.clearance_at(place) >= _STATIC_CLEARANCE:
+                return Pedestrian(place[None], 0.0, 0.0, self.half_size)
+        raise NoPathError("nobody can stand on the path and leave a way past")
+
+    def _walker(self, route: np.ndarray, speed: float) -> Pedestrian:
+        """Start somewhere on the way there or back, but not near the robot."""
+        length = float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
+        for _ in range(_TRIES):
+            offset = self.generator.uniform(0.0, 2 * length)
+            along = min(offset, 2 * length - offset)
+            if np.linalg.norm(_at(route, along) - self.path[0]) >= self.start_clearance:
+                return Pedestrian(route, speed, offset, self.half_size)
+        raise NoPathError("a pedestrian's route lies wholly at the robot's start")
+
+    def _oncoming(self) -> np.ndarray:
+        """The robot's path backwards; its last part, up to a quarter, may be left out."""
+        kept = self.path[round(len(self.path) * self.generator.uniform(0.0, 0.25)) :]
+        return simplify(kept[::-1])
+
+    def _beside(self) -> np.ndarray:
+        """Between two places within 0.6 m of the path, at least 2 m apart."""
+        for _ in range(_TRIES):
+            ends = self.path[self.generator.integers(len(self.path), size=2)]
+            ends = ends + self.generator.uniform(-0.6, 0.6, size=(2, 2))
+            apart = np.linalg.norm(ends[0] - ends[1]) >= 2.0
+            if apart and (self.grid.clearance_at(ends) >= self.inflation).all():
+                return self._route(ends[0], self._field(ends[1]))
+        return self._oncoming()
+
+    def _crossing(self) -> np.ndarray:
+        """Between two places anywhere; of a few draws, the first that touches the path."""
+        best: tuple[float, np.ndarray] | None = None
+        for _ in range(4):
+            field = self._shared_field()
+            start = self.grid.sample_free(self.generator, self.inflation)
+            if not field.reaches(start) or np.linalg.norm(start - field.goal) < 2.0:
+                continue
+            route = self._route(start, field)
+            gap = np.linalg.norm(
+                resample(route, 0.3)[:, None] - self.path[None, ::3], axis=-1
+            ).min()
+            if best is None or gap < best[0]:
+                best = (float(gap), route)
+            if gap < 0.5:
+                break
+        return self._beside() if best is None else best[1]
+
+    def _shared_field(self) -> Field:
+        """Fields cost most of a scenario's time: three goals serve all who walk anywhere."""
+        if len(self._fields) < 3:
+            goal = self.grid.sample_free(self.generator, self.inflation)
+            self._fields.append(self._field(goal))
+            return self._fields[-1]
+        return self._fields[self.generator.integers(len(self._fields))]
+
+    def _field(self, goal: np.ndarray) -> Field:
+        return self.grid.field(goal, self.inflation)
+
+    def _route(self, start: np.ndarray, field: Field) -> np.ndarray:
+        return simplify(field.route(start))
+
+
+def simplify(points: np.ndarray, tolerance: float = 0.03) -> np.ndarray:
+    """Drop points that lie within ``tolerance`` m of the line between those kept (Douglas-Peucker).
+
+    Raises:
+        NoPathError: If more than ``MAX_ROUTE_POINTS`` are left.
+    """
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, -1]] = True
+    stack = [(0, len(points) - 1)]
+    while stack:
+        a, b = stack.pop()
+        if b - a < 2:
+            continue
+        way = points[b] - points[a]
+        offset = points[a + 1 : b] - points[a]
+        off_line = np.abs(way[0] * offset[:, 1] - way[1] * offset[:, 0])
+        off_line = off_line / max(np.linalg.norm(way), 1e-9)
+        worst = int(off_line.argmax())
+        if off_line[worst] > tolerance:
+            middle = a + 1 + worst
+            keep[middle] = True
+            stack += [(a, middle), (middle, b)]
+    if keep.sum() > MAX_ROUTE_POINTS:
+        raise NoPathError(f"a route has {keep.sum()} corners, at most {MAX_ROUTE_POINTS} fit")
+    return points[keep]
+
+
+def _at(route: np.ndarray, along: float) -> np.ndarray:
+    arc = np.concatenate([[0.0], np.linalg.norm(np.diff(route, axis=0), axis=1).cumsum()])
+    return np.array([np.interp(along, arc, route[:, k]) for k in range(2)])

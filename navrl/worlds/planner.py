@@ -1,0 +1,156 @@
+"""Global paths on an inflated occupancy grid."""
+
+from __future__ import annotations
+
+import numpy as np
+from skimage.graph import MCP_Geometric
+
+_SPACING = 0.1  # m between points of a finished path
+
+
+class NoPathError(ValueError):
+    """Two points are not connected at the wanted clearance."""
+
+
+class Grid:
+    """Clearance map of a world and shortest routes on it.
+
+    Args:
+        boxes: ``[W, 5]`` walls, axis-aligned (yaw 0), m.
+        extent: (x0, y0, x1, y1) m, the region that is planned in.
+        cell: m.
+
+    Reference:
+        Paper Sec. III: A* on a map of the empty environment. A* and the Dijkstra field used here
+        return the same lengths; one field serves every route to the same goal.
+    """
+
+    def __init__(
+        self, boxes: np.ndarray, extent: tuple[float, float, float, float], cell: float = 0.1
+    ) -> None:
+        self.origin, self.cell = np.array(extent[:2]), cell
+        x = np.arange(extent[0] + cell / 2, extent[2], cell)
+        y = np.arange(extent[1] + cell / 2, extent[3], cell)
+        # Axis-aligned boxes: each axis alone first, then one outer sum a box.
+        dx = (np.abs(x[None] - boxes[:, :1]) - boxes[:, 2:3]).clip(min=0.0)
+        dy = (np.abs(y[None] - boxes[:, 1:2]) - boxes[:, 3:4]).clip(min=0.0)
+        squared = np.full((len(x), len(y)), np.inf)
+        for ax, ay in zip(dx**2, dy**2, strict=True):
+            np.minimum(squared, ax[:, None] + ay[None], out=squared)
+        self.clearance = np.sqrt(squared)
+
+    def index(self, points: np.ndarray) -> np.ndarray:
+        """Return the cells ``[*B, 2]`` of points ``[*B, 2]``, clipped to the grid."""
+        cells = np.floor((points - self.origin) / self.cell).astype(int)
+        return cells.clip(0, np.array(self.clearance.shape) - 1)
+
+    def clearance_at(self, points: np.ndarray) -> np.ndarray:
+        """Return the distance ``[*B]`` m to the nearest wall at the points' cells."""
+        cells = self.index(np.asarray(points))
+        return self.clearance[cells[..., 0], cells[..., 1]]
+
+    def field(self, goal: np.ndarray, inflation: float) -> Field:
+        """Return all shortest routes to ``goal`` that keep ``inflation`` m off the walls."""
+        return Field(self, goal, inflation)
+
+    def sample_free(self, generator: np.random.Generator, inflation: float) -> np.ndarray:
+        """Draw the centre of a cell that is at least ``inflation`` m off the walls.
+
+        Raises:
+            NoPathError: If there is none.
+        """
+        free = np.argwhere(self.clearance >= inflation)
+        if not len(free):
+            raise NoPathError(f"inflation={inflation}: no cell is that far off the walls")
+        return self.origin + (free[generator.integers(len(free))] + 0.5) * self.cell
+
+    def is_visible(self, a: np.ndarray, b: np.ndarray, inflation: float) -> bool:
+        """Whether the straight way from a to b keeps ``inflation`` m off the walls."""
+        count = max(int(np.ceil(np.linalg.norm(b - a) / (self.cell / 2))), 1)
+        way = a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)
+        return bool((self.clearance_at(way) >= inflation).all())
+
+
+class Field:
+    """Shortest routes from anywhere to one goal."""
+
+    def __init__(self, grid: Grid, goal: np.ndarray, inflation: float) -> None:
+        self.grid, self.goal, self.inflation = grid, np.asarray(goal, dtype=float), inflation
+        costs = np.where(grid.clearance >= inflation, 1.0, -1.0)
+        cell = tuple(grid.index(self.goal))
+        costs[cell] = 1.0
+        self._search = MCP_Geometric(costs)
+        self._distance, _ = self._search.find_costs([cell])
+
+    def reaches(self, start: np.ndarray) -> bool:
+        """Whether a route from ``start`` exists."""
+        return bool(np.isfinite(self._distance[tuple(self.grid.index(start))]))
+
+    def route(self, start: np.ndarray) -> np.ndarray:
+        """Return the string-pulled route ``[R, 2]`` m from ``start`` to the goal.
+
+        Raises:
+            NoPathError: If there is none.
+        """
+        start = np.asarray(start, dtype=float)
+        if not self.reaches(start):
+            raise NoPathError(f"no route from {start.tolist()} to {self.goal.tolist()}")
+        cells = np.array(self._search.traceback(tuple(self.grid.index(start))))[::-1]
+        points = self.grid.origin + (cells + 0.5) * self.grid.cell
+        return self._pull(np.concatenate([start[None], points[1:-1], self.goal[None]]))
+
+    def _pull(self, points: np.ndarray) -> np.ndarray:
+        kept, anchor, last = [0], 0, len(points) - 1
+        while anchor < last:
+            # Halve the stretch that is surely too long: a few looks instead of one a point.
+            low, high = anchor + 1, last + 1
+            if self._sees(points, anchor, last):
+                low = last
+            while low < last and high - low > 1:
+                middle = (low + high) // 2
+                if self._sees(points, anchor, middle):
+                    low = middle
+                else:
+                    high = middle
+            anchor = low
+            kept.append(anchor)
+        return points[kept]
+
+    def _sees(self, points: np.ndarray, a: int, b: int) -> bool:
+        return self.grid.is_visible(points[a], points[b], self.inflation - 1e-9)
+
+
+def resample(points: np.ndarray, spacing: float = _SPACING) -> np.ndarray:
+    """Return points ``spacing`` m apart (a little less) along a polyline, both ends kept."""
+    arc = np.concatenate([[0.0], np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()])
+    count = max(int(np.ceil(arc[-1] / spacing - 1e-9)), 1)
+    at = np.linspace(0.0, arc[-1], count + 1)
+    return np.stack([np.interp(at, arc, points[:, axis]) for axis in range(2)], axis=1)
+
+
+def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8) -> np.ndarray:
+    """Round a polyline's corners by a moving average, as far as the clearance allows.
+
+    Args:
+        points: ``[R, 2]`` m.
+        grid: Clearance map.
+        clearance: m that the result keeps off the walls wherever the input does.
+        window: m of path that is averaged; halved until the result is clear.
+
+    Returns:
+        ``[P, 2]`` m, points about 0.1 m apart.
+    """
+    dense = resample(points)
+    while window > 2 * _SPACING:
+        half = int(window / _SPACING / 2)
+        # Mirroring through the ends keeps them where they are.
+        head = 2 * dense[0] - dense[half:0:-1]
+        tail = 2 * dense[-1] - dense[-2 : -half - 2 : -1]
+        padded = np.concatenate([head, dense, tail])
+        if len(padded) == len(dense) + 2 * half:
+            kernel = np.full(2 * half + 1, 1.0 / (2 * half + 1))
+            rounded = np.stack([np.convolve(padded[:, k], kernel, "valid") for k in (0, 1)], axis=1)
+            if (grid.clearance_at(rounded) >= clearance).all():
+                return resample(rounded)
+        window /= 2
+    return dense

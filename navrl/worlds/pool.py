@@ -1,0 +1,96 @@
+"""Training scenarios, generated once and drawn from ever after."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from navrl.worlds.batch import ScenarioBatch
+from navrl.worlds.suite import Suite
+
+
+class ScenarioPool:
+    """Packed scenarios of a suite, drawn at random with fresh sensor noise.
+
+    Planning a scenario takes longer than driving through it, so training draws from a fixed pool.
+    Draws depend on the generator alone, so runs are reproducible.
+
+    Args:
+        suite: Where the scenarios come from. Its distribution should place as many dynamic
+            pedestrians as the highest level of the curriculum; a draw keeps some of them.
+        num_workers: Processes that generate.
+        cache: File that the packed scenarios are kept in; ``None`` keeps them in memory only. A
+            file made for another suite is not used but replaced.
+    """
+
+    def __init__(self, suite: Suite, num_workers: int = 1, cache: Path | None = None) -> None:
+        self.batch = _load(cache, suite) if cache is not None else None
+        if self.batch is None:
+            self.batch = suite.batch(num_workers)
+            if cache is not None:
+                _save(cache, suite, self.batch)
+        dynamic = self.batch.ped_present & ~self.batch.ped_static
+        self._num_dynamic = dynamic.sum(dim=-1)
+
+    def __len__(self) -> int:
+        return len(self.batch)
+
+    def draw(
+        self, generator: torch.Generator, count: int, max_dynamic: int | None = None
+    ) -> ScenarioBatch:
+        """Draw scenarios with replacement.
+
+        Args:
+            generator: Source of all randomness.
+            count: How many.
+            max_dynamic: Each keeps 1 to this many of its dynamic pedestrians, uniformly; ``None``
+                keeps all.
+        """
+        rows = torch.randint(len(self.batch), (count,), generator=generator)
+        return self._vary(rows, generator, max_dynamic)
+
+    def all(self, generator: torch.Generator, max_dynamic: int | None = None) -> ScenarioBatch:
+        """Return every scenario once, in order, varied as in :meth:`draw`."""
+        return self._vary(torch.arange(len(self.batch)), generator, max_dynamic)
+
+    def _vary(
+        self, rows: Tensor, generator: torch.Generator, max_dynamic: int | None
+    ) -> ScenarioBatch:
+        seeds = torch.randint(2**32, rows.shape, generator=generator)
+        batch = self.batch[rows].with_noise_seed(seeds)
+        if max_dynamic is None:
+            return batch
+        if max_dynamic < 1:
+            raise ValueError(f"max_dynamic={max_dynamic}: must be >= 1")
+        most = self._num_dynamic[rows].clamp(max=max_dynamic).clamp_min(1)
+        share = torch.rand(rows.shape, generator=generator, dtype=torch.float64)
+        return batch.with_num_dynamic((share * most).long() + 1)
+
+
+def _fingerprint(suite: Suite) -> str:
+    """A few scenarios tell suites apart: any change of code or config changes them."""
+    few = [int(k) for k in np.linspace(0, suite.num_episodes - 1, min(suite.num_episodes, 8))]
+    return f"{suite.num_episodes}-{suite.hash(suite.scenarios(few))}"
+
+
+def _load(cache: Path, suite: Suite) -> ScenarioBatch | None:
+    if not cache.is_file():
+        return None
+    with np.load(cache) as arrays:
+        if str(arrays["fingerprint"]) != _fingerprint(suite):
+            return None
+        names = [name for name in arrays.files if name != "fingerprint"]
+        return ScenarioBatch.from_tensors({k: torch.from_numpy(arrays[k]) for k in names})
+
+
+def _save(cache: Path, suite: Suite, batch: ScenarioBatch) -> None:
+    cache.parent.mkdir(parents=True, exist_ok=True)
+    fresh = cache.with_name(f"{cache.name}.{os.getpid()}.tmp")
+    arrays = {name: value.numpy() for name, value in batch.tensors().items()}
+    with fresh.open("wb") as file:
+        np.savez(file, fingerprint=_fingerprint(suite), **arrays)
+    fresh.replace(cache)

@@ -1,0 +1,163 @@
+"""A scenario: everything that fixes an episode but the robot's commands, as plain data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+MAX_ROUTE_POINTS = 32
+MAX_PATH_POINTS = 200
+_FORMAT = "navrl-scenario-1"
+
+
+@dataclass(frozen=True)
+class Pedestrian:
+    """A cuboid that walks its route back and forth and gives way to nobody.
+
+    Args:
+        route: ``[R, 2]`` m, world; one point for somebody who stands.
+        speed: m/s; 0 for somebody who stands.
+        offset: m, where it is at time zero in the back-and-forth coordinate: 0 to L is the way
+            there, L to 2 L the way back.
+        half_size: m, half depth (along the way) and half width.
+
+    Raises:
+        ValueError: If a value is out of range.
+
+    Reference:
+        Paper Sec. IV-E1. The paper gives no size; 0.26 to 0.30 m is the authors' precursor's.
+    """
+
+    route: np.ndarray
+    speed: float
+    offset: float
+    half_size: tuple[float, float] = (0.15, 0.15)
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.route)
+        if len(shape) != 2 or shape[1] != 2 or not 1 <= shape[0] <= MAX_ROUTE_POINTS:
+            raise ValueError(f"route: need [1..{MAX_ROUTE_POINTS}, 2], got {list(shape)}")
+        if self.speed < 0 or self.offset < 0 or min(self.half_size) <= 0:
+            raise ValueError(
+                f"speed={self.speed}, offset={self.offset}: must be >= 0; "
+                f"half_size={self.half_size}: must be > 0"
+            )
+
+    @property
+    def is_static(self) -> bool:
+        """Whether it stands still."""
+        return self.speed == 0.0
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Walls, path, people, start and goal of one episode.
+
+    Fully determined by ``(suite, seed, index)``, and the same on every simulator.
+
+    Args:
+        suite: Name of the suite or distribution it comes from.
+        seed: Seed of the suite.
+        index: Number within the suite.
+        kind: World type, e.g. ``corridor``.
+        boxes: ``[W, 5]`` walls (cx, cy, hx, hy, yaw), m and rad, world.
+        start: ``[3]`` robot pose (x, y, yaw).
+        goal: ``[2]`` m.
+        path: ``[P, 2]`` m, global path from start to goal, points about 0.1 m apart.
+        pedestrians: Dynamic ones first, then static ones.
+        noise_seed: Seeds the lidar's noise, in [0, 2**32).
+
+    Raises:
+        ValueError: If a shape is wrong.
+    """
+
+    suite: str
+    seed: int
+    index: int
+    kind: str
+    boxes: np.ndarray
+    start: np.ndarray
+    goal: np.ndarray
+    path: np.ndarray
+    pedestrians: tuple[Pedestrian, ...]
+    noise_seed: int
+
+    def __post_init__(self) -> None:
+        expected = {"boxes": (None, 5), "start": (3,), "goal": (2,), "path": (None, 2)}
+        for name, shape in expected.items():
+            got = np.shape(getattr(self, name))
+            fits = len(got) == len(shape) and all(
+                want is None or want == have for want, have in zip(shape, got, strict=True)
+            )
+            if not fits:
+                raise ValueError(f"{name}: need shape {list(shape)}, got {list(got)}")
+        if not 2 <= len(self.path) <= MAX_PATH_POINTS:
+            raise ValueError(f"path: need 2 to {MAX_PATH_POINTS} points, got {len(self.path)}")
+
+    def to_dict(self) -> dict:
+        """Return plain lists and numbers; floats survive the round trip exactly."""
+        plain = {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in vars(self).items()
+        }
+        plain["pedestrians"] = [
+            {
+                "route": person.route.tolist(),
+                "speed": person.speed,
+                "offset": person.offset,
+                "half_size": list(person.half_size),
+            }
+            for person in self.pedestrians
+        ]
+        return {"format": _FORMAT, **plain}
+
+    @classmethod
+    def from_dict(cls, plain: Mapping) -> Scenario:
+        """Rebuild from :meth:`to_dict`.
+
+        Raises:
+            ValueError: If the format is unknown or a key is missing.
+        """
+        plain = dict(plain)
+        if plain.pop("format", None) != _FORMAT:
+            raise ValueError(f"scenario: need format {_FORMAT!r}")
+        missing = cls.__dataclass_fields__.keys() - plain.keys()
+        if missing:
+            raise ValueError(f"scenario: missing {sorted(missing)}")
+        people = tuple(
+            Pedestrian(
+                np.asarray(person["route"], dtype=np.float64).reshape(-1, 2),
+                float(person["speed"]),
+                float(person["offset"]),
+                tuple(person["half_size"]),
+            )
+            for person in plain["pedestrians"]
+        )
+        arrays = {
+            name: np.asarray(plain[name], dtype=np.float64)
+            for name in ("boxes", "start", "goal", "path")
+        }
+        arrays["boxes"] = arrays["boxes"].reshape(-1, 5)
+        return cls(**{**plain, **arrays, "pedestrians": people})
+
+    def to_json(self) -> str:
+        """Return canonical JSON: sorted keys, no spaces."""
+        return json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
+
+    @classmethod
+    def from_json(cls, text: str) -> Scenario:
+        """Rebuild from :meth:`to_json`."""
+        return cls.from_dict(json.loads(text))
+
+    def save(self, file: str | Path) -> None:
+        """Write as JSON."""
+        Path(file).write_text(self.to_json() + "\n")
+
+    @classmethod
+    def load(cls, file: str | Path) -> Scenario:
+        """Read what :meth:`save` wrote."""
+        return cls.from_json(Path(file).read_text())
