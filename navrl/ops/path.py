@@ -77,8 +77,9 @@ def project_onto_path(
         squared = squared.masked_fill((arc[..., 1:] < first) | (segment_start > last), math.inf)
     squared, index = squared.min(dim=-1, keepdim=True)
     progress = arc.gather(-1, index) + along.gather(-1, index)
-    if previous_progress is not None:
-        progress = torch.maximum(progress, first)  # rounding must not go back
+    if previous_progress is not None:  # rounding must not go back
+        progress = torch.maximum(progress, first)
+    progress = torch.minimum(progress, arc[..., -1:])  # nor past the end
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 
 

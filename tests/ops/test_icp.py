@@ -1,0 +1,219 @@
+"""ICP recovers known motions: exactly without noise, closely with it, in both directions."""
+
+import math
+
+import pytest
+import torch
+from rooms import errors, sample_scan_pairs
+
+from navrl.ops import se2
+from navrl.ops.icp import PAPER, ROBUST, IcpOptions, align
+from navrl.ops.lines import fit_lines
+from navrl.ops.rigid_fit import fit_rigid
+from navrl.ops.rotation_search import rotation_search
+
+
+def both_ways(pairs):
+    """Yield (source, target, T_target_source) forwards and backwards."""
+    yield pairs.source, pairs.target, pairs.T_target_source
+    yield pairs.target, pairs.source, se2.inverse(pairs.T_target_source)
+
+
+def run(source, target, options):
+    return align(source.points, source.returns, target.points, target.returns, options)
+
+
+@pytest.mark.parametrize(
+    ("options", "success", "median_m", "median_deg"),
+    [
+        (PAPER, 0.93, 0.02, 0.5),
+        (IcpOptions(initialization="rotation_search", gate=0.3), 0.97, 0.02, 0.5),
+        (ROBUST, 0.98, 0.005, 0.12),
+    ],
+    ids=["paper", "rotation search", "robust"],
+)
+def test_recovers_the_motion_among_pedestrians(options, success, median_m, median_deg):
+    """1,440 beams with 2.5 cm noise pooled to 180; turns to 36 deg, 0.2 m, two walkers."""
+    for source, target, truth in both_ways(sample_scan_pairs(200, seed=2, beams_per_point=8)):
+        result = run(source, target, options)
+        position, rotation = errors(result.transform, truth)
+        assert ((position < 0.1) & (rotation < 2.0)).float().mean() >= success
+        assert position.median() <= median_m and rotation.median() <= median_deg
+        assert result.converged.float().mean() > 0.97
+
+
+def test_robust_from_180_single_beams():
+    for source, target, truth in both_ways(sample_scan_pairs(200, seed=3)):
+        position, rotation = errors(run(source, target, ROBUST).transform, truth)
+        assert ((position < 0.1) & (rotation < 2.0)).float().mean() >= 0.97
+        assert position.median() <= 0.01 and rotation.median() <= 0.2
+
+
+@pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
+def test_known_transform_of_the_same_points(options):
+    """The same points moved by hand: the answer is exact, and its sign and direction are right."""
+    target = sample_scan_pairs(20, seed=4, noise_std=0.0, num_pedestrians=0).target
+    T_target_source = torch.tensor([0.05, -0.03, 0.06]).expand(20, 3)
+    source_points = se2.transform_points(se2.inverse(T_target_source), target.points)
+    result = align(source_points, target.returns, target.points, target.returns, options)
+    position, rotation = errors(result.transform, T_target_source)
+    assert position.median() < 1e-3 and rotation.median() < 0.05
+
+
+@pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
+def test_equal_scans_have_not_moved(options):
+    scan = sample_scan_pairs(20, seed=5).source
+    result = run(scan, scan, options)
+    assert result.transform.abs().max() < 1e-6 and result.converged.all()
+    assert result.iterations.max() <= 2
+    assert (result.inliers == scan.returns.sum(-1)).all()
+    assert result.rmse.max() < 1e-6
+
+
+def test_maximum_range_points_would_hold_it_back():
+    """Why returns are asked for: used as points, misses make it worse."""
+    pairs = sample_scan_pairs(200, seed=6, beams_per_point=8)
+    source, target = pairs.source, pairs.target
+    every = torch.ones_like(source.returns)
+    rates = []
+    for source_returns, target_returns in ((every, every), (source.returns, target.returns)):
+        result = align(source.points, source_returns, target.points, target_returns)
+        position, rotation = errors(result.transform, pairs.T_target_source)
+        rates.append(((position < 0.1) & (rotation < 2.0)).float().mean())
+    assert rates[1] > rates[0] + 0.05
+
+
+@pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
+def test_too_few_points_is_the_identity_not_converged(options):
+    points = torch.rand(2, 40, 2) + 0.5
+    returns = torch.zeros(2, 40, dtype=torch.bool)
+    returns[:, :9] = True
+    result = align(points, returns, points + 0.1, returns, options)
+    assert (result.transform == 0).all() and not result.converged.any()
+    assert (result.inliers <= 9).all()
+    none = align(points, returns & False, points, returns & False, options)
+    assert (none.transform == 0).all() and not none.converged.any() and (none.inliers == 0).all()
+
+
+def test_iteration_bound_is_kept_and_told():
+    pairs = sample_scan_pairs(30, seed=7)
+    result = run(pairs.source, pairs.target, IcpOptions(max_iterations=2))
+    assert result.iterations.max() == 2
+    assert not result.converged.all()
+    assert (result.transform[~result.converged] != 0).any(), "the best so far is kept"
+
+
+def test_a_sample_does_not_depend_on_its_batch():
+    pairs = sample_scan_pairs(24, seed=8, beams_per_point=4)
+    whole = run(pairs.source, pairs.target, ROBUST)
+    for row in (0, 11, 23):
+        parts = [scan[row] for scan in (*pairs.source[1:], *pairs.target[1:])]
+        alone = align(*parts, ROBUST)
+        torch.testing.assert_close(alone.transform, whole.transform[row], atol=1e-5, rtol=0)
+        assert alone.iterations == whole.iterations[row]
+
+
+def test_points_that_are_no_returns_may_be_nan():
+    pairs = sample_scan_pairs(10, seed=9)
+    clean = run(pairs.source, pairs.target, ROBUST)
+    source, target = (
+        torch.where(scan.returns.unsqueeze(-1), scan.points, math.nan)
+        for scan in (pairs.source, pairs.target)
+    )
+    dirty = align(source, pairs.source.returns, target, pairs.target.returns, ROBUST)
+    torch.testing.assert_close(clean.transform, dirty.transform, rtol=0, atol=0)
+
+
+def test_another_number_of_points():
+    source = sample_scan_pairs(10, seed=10, noise_std=0.0).source
+    target = type(source)(*(part[:, ::2] for part in source))
+    assert run(source, target, PAPER).transform.abs().max() < 0.05
+    with pytest.raises(ValueError, match="180 and 90"):
+        run(source, target, ROBUST)
+
+
+def test_a_corridor_without_ends_stays_well_posed():
+    """Two parallel walls say nothing about motion along them; it must not run away."""
+    x = torch.linspace(-3, 3, 90)
+    points = torch.cat(
+        [torch.stack([x, torch.ones(90)], -1), torch.stack([x.flip(0), -torch.ones(90)], -1)]
+    )
+    returns = torch.ones(180, dtype=torch.bool)
+    truth = torch.tensor([0.0, 0.05, 0.02])
+    source = se2.transform_points(se2.inverse(truth), points)
+    result = align(source, returns, points, returns, IcpOptions(metric="point_to_line"))
+    assert result.converged
+    torch.testing.assert_close(result.transform[1:], truth[1:], atol=2e-3, rtol=0)
+    assert result.transform[0].abs() < 0.05
+
+
+def test_closed_form_equals_svd():
+    """Arun et al. 1987: R = V diag(1, det) U^T of the cross-covariance's SVD."""
+    generator = torch.Generator().manual_seed(0)
+    source = torch.randn(200, 12, 2, generator=generator, dtype=torch.float64)
+    target = torch.randn(200, 12, 2, generator=generator, dtype=torch.float64)  # any, also mirrored
+    weight = torch.rand(200, 12, generator=generator, dtype=torch.float64)
+    fit = fit_rigid(source, target, weight)
+
+    share = (weight / weight.sum(-1, keepdim=True)).unsqueeze(-1)
+    source_mean, target_mean = (share * source).sum(1), (share * target).sum(1)
+    a, b = source - source_mean.unsqueeze(1), target - target_mean.unsqueeze(1)
+    u, _, vh = torch.linalg.svd((share * a).mT @ b)
+    det = torch.linalg.det(vh.mT @ u.mT)
+    assert (det < 0).any() and (det > 0).any()
+    middle = torch.diag_embed(torch.stack([torch.ones_like(det), det], dim=-1))
+    rotation = vh.mT @ middle @ u.mT
+    yaw = torch.atan2(rotation[:, 1, 0], rotation[:, 0, 0])
+    translation = target_mean - (rotation @ source_mean.unsqueeze(-1)).squeeze(-1)
+    expected = torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
+    torch.testing.assert_close(fit, expected)
+
+
+def test_fit_of_nothing_is_the_identity():
+    points = torch.rand(5, 2)
+    assert (fit_rigid(points, points + 1.0, torch.zeros(5)) == 0).all()
+
+
+@pytest.mark.parametrize("turn_deg", [-36, -14, 0, 8, 36])
+def test_rotation_search_finds_a_turn_on_the_spot(turn_deg):
+    scan = sample_scan_pairs(20, seed=11).source
+    shift = turn_deg // 2  # 2 deg a point
+    turned = (scan.points.roll(shift, 1), scan.returns.roll(shift, 1))
+    yaw = rotation_search(scan.points, scan.returns, *turned)
+    torch.testing.assert_close(yaw, torch.full((20,), math.radians(turn_deg)))
+
+
+def test_rotation_search_of_empty_scans_is_zero():
+    points, returns = torch.zeros(3, 30, 2), torch.zeros(3, 30, dtype=torch.bool)
+    assert (rotation_search(points, returns, points, returns) == 0).all()
+
+
+def test_lines_of_a_square_room():
+    scan = sample_scan_pairs(10, seed=12, noise_std=0.0, num_pedestrians=0).source
+    lines = fit_lines(scan.points, scan.returns)
+    assert lines.is_line.float().mean() > 0.5 and not lines.is_line[~scan.returns].any()
+    following = scan.points.roll(-1, 1) - scan.points
+    both = lines.is_line & lines.is_line.roll(-1, 1) & (following.norm(dim=-1) < 0.2)
+    slide = (following * lines.normal).sum(-1).abs() / following.norm(dim=-1).clamp(min=1e-6)
+    assert slide[both].median() < 0.01  # neighbours lie along the line
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"source_points": torch.zeros(12, 3)}, r"source_points .*\(12, 3\)"),
+        ({"target_returns": torch.ones(12)}, "target_returns must be bool"),
+        ({"source_returns": torch.ones(11, dtype=torch.bool)}, "source_returns"),
+        ({"target_points": torch.zeros(2, 12, 2)}, "target_"),
+    ],
+)
+def test_bad_input_is_named(change, message):
+    points, returns = torch.zeros(12, 2), torch.ones(12, dtype=torch.bool)
+    arguments = {
+        "source_points": points,
+        "source_returns": returns,
+        "target_points": points,
+        "target_returns": returns,
+    }
+    with pytest.raises(ValueError, match=message):
+        align(**{**arguments, **change})

@@ -1,0 +1,127 @@
+"""Projection and interpolation on a path against brute force, and where paths are awkward."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from navrl.ops.path import path_length, point_at, project_onto_path
+
+
+def random_path(seed, batch=(), num_points=20):
+    generator = torch.Generator().manual_seed(seed)
+    steps = torch.randn(*batch, num_points, 2, generator=generator, dtype=torch.float64)
+    return 0.2 * steps.cumsum(-2), generator
+
+
+@given(st.integers(0, 10_000))
+def test_projection_is_the_nearest_point(seed):
+    path, generator = random_path(seed)
+    position = torch.randn(2, generator=generator, dtype=torch.float64)
+    progress, distance = project_onto_path(path, position)
+    arcs = torch.linspace(0, path_length(path).item(), 5000, dtype=torch.float64)
+    dense = point_at(path, arcs)
+    nearest = (dense - position).norm(dim=-1).min()
+    assert distance <= nearest + 1e-9 and distance > nearest - 5e-3
+    on_path = point_at(path, progress)
+    torch.testing.assert_close((on_path - position).norm(), distance)
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 1.2), st.floats(0.05, 2.0), st.floats(0.0, 1.0))
+def test_window_is_kept_and_searched(seed, fraction, ahead, behind):
+    path, generator = random_path(seed)
+    total = path_length(path)
+    previous = fraction * total
+    position = torch.randn(2, generator=generator, dtype=torch.float64)
+    progress, distance = project_onto_path(path, position, previous, ahead, behind)
+    start = torch.minimum(previous, total)
+    low, high = (start - behind).clamp(min=0), torch.minimum(start + ahead, total)
+    assert low - 1e-9 <= progress <= high + 1e-9
+    dense = point_at(path, torch.linspace(low.item(), high.item(), 3000, dtype=torch.float64))
+    nearest = (dense - position).norm(dim=-1).min()
+    assert distance <= nearest + 1e-9 and distance > nearest - 5e-3
+
+
+@given(st.integers(0, 10_000))
+def test_progress_never_goes_back(seed):
+    path, generator = random_path(seed)
+    path = path.float()
+    progress = project_onto_path(path, path[0]).progress
+    for _ in range(10):
+        position = torch.randn(2, generator=generator)
+        following = project_onto_path(path, position, progress).progress
+        assert following >= progress
+        progress = following
+
+
+def figure_of_eight(num_points=400):
+    t = torch.linspace(0, 2 * math.pi, num_points)
+    return torch.stack([2 * t.sin(), (2 * t).sin()], dim=-1)  # crosses itself at the origin
+
+
+def test_does_not_jump_where_the_path_crosses_itself():
+    path = figure_of_eight()
+    total = path_length(path)
+    progress, lateral = torch.tensor(0.0), torch.tensor([0.03, -0.02])
+    for arc in torch.arange(0.0, total.item(), 0.2):
+        progress, _ = project_onto_path(path, point_at(path, arc) + lateral, progress)
+        assert (progress - arc).abs() < 0.1
+    aside = torch.tensor([0.02, 0.02])  # halfway, beside the crossing, on the other branch
+    assert (project_onto_path(path, aside, total / 2 - 0.2).progress - total / 2).abs() < 0.1
+    assert project_onto_path(path, aside).progress < 0.1  # without the window it does jump
+
+
+def test_point_at_walks_the_polyline():
+    path = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    arcs = torch.tensor([-1.0, 0.0, 0.25, 1.0, 2.0, 3.0, 9.0])
+    expected = [[0, 0], [0, 0], [0.25, 0], [1, 0], [1, 1], [1, 2], [1, 2]]
+    torch.testing.assert_close(point_at(path, arcs), torch.tensor(expected, dtype=torch.float32))
+    torch.testing.assert_close(point_at(path, arcs[2]), torch.tensor([0.25, 0.0]))
+
+
+@pytest.mark.parametrize("repeats", [1, 50])
+def test_padding_with_the_goal_changes_nothing(repeats):
+    path, generator = random_path(7, batch=(16,))
+    padded = torch.cat([path, path[:, -1:].expand(-1, repeats, -1)], dim=1)
+    position = torch.randn(16, 2, generator=generator, dtype=torch.float64)
+    previous = torch.linspace(0, 2, 16).double() * path_length(path)
+    for start in (None, previous):
+        plain = project_onto_path(path, position, start)
+        same = project_onto_path(padded, position, start)
+        torch.testing.assert_close(plain, same)
+    arcs = torch.linspace(0, 1.2, 16).double() * path_length(path)
+    torch.testing.assert_close(point_at(path, arcs), point_at(padded, arcs))
+    torch.testing.assert_close(path_length(path), path_length(padded))
+
+
+def test_path_of_one_repeated_point():
+    path = torch.ones(5, 2)
+    progress, distance = project_onto_path(path, torch.zeros(2), torch.tensor(3.0))
+    assert progress == 0.0 and distance == pytest.approx(math.sqrt(2))
+    assert (point_at(path, torch.tensor([0.0, 1.0])) == 1.0).all()
+
+
+@pytest.mark.parametrize("batch", [(), (3,), (2, 3), (0,)])
+def test_any_batch_shape(batch):
+    path, _ = random_path(0, batch)
+    progress, distance = project_onto_path(path, torch.zeros(*batch, 2).double())
+    assert progress.shape == distance.shape == batch
+    assert point_at(path, progress).shape == (*batch, 2)
+    assert point_at(path, progress.unsqueeze(-1).expand(*batch, 4)).shape == (*batch, 4, 2)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda path: project_onto_path(path[:1], torch.zeros(2)), "P >= 2"),
+        (lambda path: project_onto_path(path, torch.zeros(3)), "position"),
+        (lambda path: project_onto_path(path, torch.zeros(2), None, 0.0), "ahead.*0.0"),
+        (lambda path: project_onto_path(path, torch.zeros(2), None, 1.0, -1.0), "behind.*-1"),
+        (lambda path: point_at(path, torch.zeros(1, 2)), "arc must have shape"),
+    ],
+)
+def test_bad_input_is_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(torch.rand(4, 2))
