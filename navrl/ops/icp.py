@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops import se2
+from navrl.ops.backend import Backend, is_compiled
 from navrl.ops.lines import ScanLines, fit_lines
 from navrl.ops.rigid_fit import fit_rigid
 from navrl.ops.rotation_search import rotation_search
@@ -103,6 +104,7 @@ def align(
     target_points: Tensor,
     target_returns: Tensor,
     options: IcpOptions = PAPER,
+    backend: Backend = "auto",
 ) -> Alignment:
     """Find the rigid motion that lays one scan over another.
 
@@ -116,6 +118,8 @@ def align(
         target_points: ``[*B, M, 2]`` m, e.g. scan t in its own frame.
         target_returns: ``[*B, M]`` bool.
         options: How to align.
+        backend: See :mod:`navrl.ops.backend`. The kernel computes in float64 and is the faster the
+            nearer its target is to an ordered scan of as many points as the source.
 
     Returns:
         The alignment; ``se2.transform_points(result.transform, source_points)`` is the source scan
@@ -129,6 +133,10 @@ def align(
         rotation search and the point-to-line stage are additions.
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
+    if is_compiled(backend, source_points, source_returns, target_points, target_returns):
+        return _align_compiled(
+            source_points, source_returns, target_points, target_returns, options
+        )
     batch, num_source = source_points.shape[:-2], source_points.shape[-2]
     scans = (
         torch.where(source_returns.unsqueeze(-1), source_points, 0.0).reshape(-1, num_source, 2),
@@ -142,6 +150,23 @@ def align(
     blocks = [_align(*block, options) for block in zip(*(scan.split(size) for scan in scans))]
     return Alignment(
         *(torch.cat(parts).reshape((*batch, *parts[0].shape[1:])) for parts in zip(*blocks))
+    )
+
+
+def _align_compiled(
+    source_points: Tensor,
+    source_returns: Tensor,
+    target_points: Tensor,
+    target_returns: Tensor,
+    options: IcpOptions,
+) -> Alignment:
+    from navrl.ops.kernels.icp import align_cpu
+
+    batch = source_points.shape[:-2]
+    scans = (source_points, source_returns, target_points, target_returns)
+    flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
+    return Alignment(
+        *(result.reshape(batch + result.shape[1:]) for result in align_cpu(*flat, options))
     )
 
 

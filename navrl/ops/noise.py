@@ -9,6 +9,8 @@ import math
 import torch
 from torch import Tensor
 
+from navrl.ops.backend import Backend, is_compiled
+
 TABLE_SIZE = 4096
 HIT_MARGIN = 1e-3  # m; a noisy hit stays this far below the maximum range
 
@@ -50,7 +52,7 @@ def add_range_noise(
     step: Tensor,
     table: Tensor,
     max_range: float,
-    backend: str = "auto",
+    backend: Backend = "auto",
 ) -> Tensor:
     """Return noisy ranges; beams without a return keep exactly ``max_range``.
 
@@ -62,7 +64,7 @@ def add_range_noise(
         step: [N] int64, scans since the episode's start.
         table: [4096] float32 m, from :func:`noise_table`, on the ranges' device.
         max_range: m; a range at or above it is no return.
-        backend: ``auto`` (compiled on CPU), ``numba`` or ``torch``; they agree bit for bit.
+        backend: see :mod:`navrl.ops.backend`; all agree bit for bit.
 
     Returns:
         [N, beams] float32 m, a new tensor.
@@ -79,12 +81,10 @@ def add_range_noise(
             )
     if table.shape != (TABLE_SIZE,) or table.dtype != torch.float32:
         raise ValueError(f"table must be [{TABLE_SIZE}] float32, got {list(table.shape)}")
-    if backend == "numba" or (backend == "auto" and ranges.device.type == "cpu"):
+    if is_compiled(backend, ranges, seed, step, table):
         from navrl.ops.kernels.noise import add_range_noise_cpu
 
         return add_range_noise_cpu(ranges, seed, step, table, max_range)
-    if backend not in ("auto", "torch"):
-        raise ValueError(f"backend must be auto, numba or torch, got {backend!r}")
     noisy = ranges + table[_table_rows(seed, step, ranges.shape[1])]
     noisy = noisy.clamp(0.0, torch.tensor(max_range - HIT_MARGIN, dtype=torch.float32).item())
     return torch.where(ranges < max_range, noisy, ranges)

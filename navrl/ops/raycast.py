@@ -6,7 +6,7 @@ import math
 import torch
 from torch import Tensor
 
-BACKENDS = ("auto", "numba", "torch")
+from navrl.ops.backend import Backend, is_compiled
 
 
 def cast_rays(
@@ -15,7 +15,7 @@ def cast_rays(
     num_boxes: Tensor | None = None,
     num_beams: int = 1440,
     max_range: float = 3.5,
-    backend: str = "auto",
+    backend: Backend = "auto",
 ) -> Tensor:
     """Return the distance along each beam to the nearest box.
 
@@ -28,9 +28,9 @@ def cast_rays(
         num_boxes: [*B] int64, leading rows of ``boxes`` that count; all of them if None.
         num_beams: beams over the full circle.
         max_range: m; exactly this where nothing nearer is hit.
-        backend: ``numba`` (CPU, float64 geometry), ``torch`` (any device, in the dtype of
-            ``pose``, one slab test per beam and box), or ``auto``: ``numba`` on CPU. They agree to
-            1e-4 m but for beams that graze an edge.
+        backend: see :mod:`navrl.ops.backend`. The kernel's geometry is float64, that of the torch
+            form, one slab test per beam and box, has the dtype of ``pose``. They agree to 1e-4 m
+            but for beams that graze an edge.
 
     Returns:
         [*B, num_beams] float32 m.
@@ -39,13 +39,9 @@ def cast_rays(
         ValueError: shapes or devices do not match, a pose is not finite, or a size is negative.
     """
     num_boxes = _check(pose, boxes, num_boxes, num_beams, max_range)
-    if backend not in BACKENDS:
-        raise ValueError(f"backend must be one of {', '.join(BACKENDS)}, got {backend!r}")
-    if backend == "numba" and pose.device.type != "cpu":
-        raise ValueError(f"backend numba needs CPU tensors, pose is on {pose.device}")
-    if backend == "torch" or pose.device.type != "cpu":
-        return _cast_rays_torch(pose, boxes, num_boxes, num_beams, max_range)
-    return _cast_rays_numba(pose, boxes, num_boxes, num_beams, max_range)
+    if is_compiled(backend, pose, boxes):
+        return _cast_rays_numba(pose, boxes, num_boxes, num_beams, max_range)
+    return _cast_rays_torch(pose, boxes, num_boxes, num_beams, max_range)
 
 
 def _check(

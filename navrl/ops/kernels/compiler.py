@@ -5,6 +5,7 @@ import hashlib
 import logging
 import os
 import tempfile
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,8 +17,13 @@ _OPS = Path(__file__).parents[1]
 
 
 def scalar(function: Callable) -> Callable:
-    """Compile a small function that kernels call; it is inlined into them."""
+    """Compile a small function that kernels call."""
     return numba.njit(error_model="numpy")(function)
+
+
+def reordering_scalar(function: Callable) -> Callable:
+    """:func:`scalar` whose sums may be taken in any order, as vector instructions take them."""
+    return numba.njit(error_model="numpy", fastmath={"reassoc", "contract"})(function)
 
 
 def kernel(function: Callable) -> Callable:
@@ -25,38 +31,65 @@ def kernel(function: Callable) -> Callable:
 
     The kernel runs on as many threads as torch does (``torch.set_num_threads``,
     ``OMP_NUM_THREADS``), so one setting governs both and workers of ``ParallelEnv`` stay on one.
+    A single thread runs the loop in place: no hand-over to a worker, safe in any thread and after
+    any fork.
     """
-    directory = cache_directory()
-    configured, numba.config.CACHE_DIR = numba.config.CACHE_DIR, directory
-    try:  # numba reads the directory once, here
-        dispatcher = numba.njit(parallel=True, cache=True, error_model="numpy")(function)
-    finally:
-        numba.config.CACHE_DIR = configured
-    is_announced = False
+    dispatchers = {}
 
     @functools.wraps(function)
     def launch(*arguments):
-        nonlocal is_announced
-        if not is_announced:
-            is_announced = True
-            if not any(Path(directory).rglob(f"*{function.__name__}-*.nbi")):
-                LOG.warning(
-                    "compiling %s for this CPU, some seconds, once; cached in %s",
-                    function.__name__,
-                    directory,
-                )
-        follow_torch_threads()
-        return dispatcher(*arguments)
+        num_threads = min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS)
+        is_parallel = num_threads > 1
+        if is_parallel not in dispatchers:
+            dispatchers[is_parallel] = _dispatcher(function, is_parallel)
+        if not is_parallel:
+            return dispatchers[False](*arguments)
+        with _POOL:
+            if numba.get_num_threads() != num_threads:
+                numba.set_num_threads(num_threads)
+            return dispatchers[True](*arguments)
 
-    launch.dispatcher = dispatcher
     return launch
 
 
-def follow_torch_threads() -> None:
-    """Let kernels use as many threads as torch does, within what numba started with."""
-    wanted = min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS)
-    if numba.get_num_threads() != wanted:
-        numba.set_num_threads(wanted)
+def _dispatcher(function: Callable, is_parallel: bool) -> Callable:
+    """Prepare one form of a kernel, and say so if it is yet to be compiled."""
+    directory = Path(cache_directory()) / ("parallel" if is_parallel else "serial")
+    configured, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(directory)
+    try:  # numba reads the directory once, here
+        dispatcher = numba.njit(parallel=is_parallel, cache=True, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = configured
+    if not any(directory.rglob(f"*.{function.__name__}-*.nbi")):
+        LOG.warning("compiling %s once, some seconds; kept in %s", function.__name__, directory)
+    return dispatcher
+
+
+class _Pool:
+    """Numba's threads, one launch at a time.
+
+    Numba's own pool ("workqueue") survives a fork, which GNU OpenMP does not (the child is killed),
+    but aborts the process when two Python threads launch at once; hence a lock, new in each child.
+    """
+
+    def __init__(self) -> None:
+        if numba.config.THREADING_LAYER == "default":  # respect who has chosen
+            numba.config.THREADING_LAYER = "workqueue"
+        self._lock = threading.Lock()
+        if hasattr(os, "register_at_fork"):  # not on Windows
+            os.register_at_fork(after_in_child=self._renew)
+
+    def _renew(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+_POOL = _Pool()
 
 
 @functools.cache

@@ -1,0 +1,139 @@
+"""Nearest neighbours between two scans ordered by bearing: exact, and almost always from a window.
+
+Turned by the motion's yaw, point i of one scan has its nearest neighbour among a few points around
+index i of the other. A window of them is searched for all points at once (the compiler turns this
+into vector instructions). Then each result is proved: the target's points outside of the window lie
+beyond the two rays that bound it, so none is nearer than the point's distance to these rays. Points
+without a proof are searched in full.
+"""
+
+import math
+
+import numpy as np
+
+from navrl.ops.kernels.compiler import scalar
+
+WINDOW = 17  # points; at 2 deg a point this is +-16 deg around the expected bearing
+FAR = np.float32(1e9)  # m; where points that are no returns are put
+PROOF = np.float32(0.999)  # keeps a proof in single precision on the safe side
+
+
+@scalar
+def is_ordered(points):
+    """Whether the points go around the origin counter-clockwise exactly once, [M, 2]."""
+    count = points.shape[0]
+    turns = 0
+    for index in range(count):
+        x, y = points[index - 1, 0], points[index - 1, 1]
+        next_x, next_y = points[index, 0], points[index, 1]
+        if not x * next_y - y * next_x > 0.0:
+            return False
+        if y < 0.0 <= next_y:
+            turns += 1
+    return turns == 1
+
+
+@scalar
+def unroll(points, returns, rows):
+    """Write three rounds of the target to ``rows`` [4, 3 M] float32: x, y and unit direction."""
+    count = points.shape[0]
+    for index in range(count):
+        x, y = np.float32(points[index, 0]), np.float32(points[index, 1])
+        scale = np.float32(1.0) / math.sqrt(x * x + y * y)
+        for turn in range(3):
+            column = index + turn * count
+            rows[0, column] = x if returns[index] else FAR
+            rows[1, column] = y if returns[index] else FAR
+            rows[2, column] = x * scale
+            rows[3, column] = y * scale
+
+
+@scalar
+def search_window(x, y, target_x, target_y, first, width, squared, match):
+    """Write the smallest squared distance, and the column where it is, for points [N] float32.
+
+    Point i is compared with the columns ``first + i .. first + i + width - 1`` of the target.
+    """
+    count = x.shape[0]
+    squared[:] = np.float32(np.inf)
+    for offset in range(first, first + width):
+        near_x, near_y = target_x[offset : offset + count], target_y[offset : offset + count]
+        column = np.int32(offset)
+        for index in range(count):
+            dx, dy = x[index] - near_x[index], y[index] - near_y[index]
+            candidate = dx * dx + dy * dy
+            is_nearer = candidate < squared[index]
+            squared[index] = candidate if is_nearer else squared[index]
+            match[index] = column if is_nearer else match[index]
+    for index in range(count):
+        match[index] += np.int32(index)
+
+
+@scalar
+def find_unproved(x, y, direction_x, direction_y, first, width, gate_squared, squared, unproved):
+    """Flag the points whose window may miss their nearest neighbour; return how many.
+
+    A neighbour beyond the gate is as good as none, so a proof up to the gate is enough.
+    """
+    count = x.shape[0]
+    low_x, low_y = direction_x[first - 1 :], direction_y[first - 1 :]
+    high_x, high_y = direction_x[first + width :], direction_y[first + width :]
+    total = 0
+    for index in range(count):
+        px, py = x[index], y[index]
+        reach = px * px + py * py
+        above_low = low_x[index] * py - low_y[index] * px  # distance from the ray's line
+        below_high = px * high_y[index] - py * high_x[index]
+        is_inside = above_low > 0.0 and below_high > 0.0
+        low = above_low * above_low if low_x[index] * px + low_y[index] * py > 0.0 else reach
+        high = below_high * below_high if high_x[index] * px + high_y[index] * py > 0.0 else reach
+        bound = PROOF * min(low, high)
+        needed = min(squared[index], gate_squared)
+        is_unproved = not (is_inside and needed <= bound)
+        unproved[index] = is_unproved
+        total += is_unproved
+    return total
+
+
+@scalar
+def search_all(x, y, target_x, target_y, count):
+    """Return the smallest squared distance from one point and its column in the first round."""
+    squared, match = np.float32(np.inf), 0
+    for column in range(count):
+        dx, dy = x - target_x[column], y - target_y[column]
+        candidate = dx * dx + dy * dy
+        if candidate < squared:
+            squared, match = candidate, column
+    return squared, match
+
+
+@scalar
+def find_nearest(points, source_returns, shift, target, is_windowed, gate, squared, match, flags):
+    """Write squared distance and column of each point's nearest neighbour within the gate.
+
+    Args:
+        points: [2, N] float32 moved source, x and y.
+        source_returns: [N] bool.
+        shift: columns by which the target is ahead of the source in index.
+        target: [4, 3 M] float32, from :func:`unroll`.
+        is_windowed: whether both scans are ordered and of the same length.
+        gate: m; a result beyond it is of no use.
+        squared, match: [N] float32 and int32, written.
+        flags: [N] int32, scratch.
+    """
+    num_source, num_target = points.shape[1], target.shape[1] // 3
+    x, y, target_x, target_y = points[0], points[1], target[0], target[1]
+    if not is_windowed or num_target < WINDOW + 2:
+        flags[:] = 1
+    else:
+        first = 1 + (shift - WINDOW // 2 - 1) % num_target
+        search_window(x, y, target_x, target_y, first, WINDOW, squared, match)
+        if 0 == find_unproved(
+            x, y, target[2], target[3], first, WINDOW, np.float32(gate * gate), squared, flags
+        ):
+            return
+    for index in range(num_source):
+        if flags[index] != 0 and source_returns[index]:
+            squared[index], match[index] = search_all(
+                x[index], y[index], target_x, target_y, num_target
+            )
