@@ -1,0 +1,104 @@
+"""Which scenario each world plays, kept as one batch of N rows."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from navrl.worlds import ScenarioBatch, pedestrian_boxes
+
+_PREFIX = "scenario."
+
+
+class ScenarioRows:
+    """N scenarios, one a world, replaced a few at a time.
+
+    Every row has room for ``max_pedestrians`` people, those present first, and for the most walls
+    seen so far.
+
+    Args:
+        num_worlds: N.
+        max_pedestrians: K.
+    """
+
+    def __init__(self, num_worlds: int, max_pedestrians: int) -> None:
+        self._num_worlds, self._max_pedestrians = num_worlds, max_pedestrians
+        self._batch: ScenarioBatch | None = None  # rows of worlds never reset hold anything
+
+    def put(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
+        """Write scenario ``i`` into row ``worlds[i]``."""
+        scenarios = _seated(scenarios, self._max_pedestrians)
+        if self._batch is None:
+            self._batch = scenarios[torch.zeros(self._num_worlds, dtype=torch.int64)]
+        width = max(self._batch.boxes.shape[1], scenarios.boxes.shape[1])
+        kept, new = _widened(self._batch, width), _widened(scenarios, width)
+        for name, rows in kept.items():
+            rows[worlds] = new[name]
+        self._batch = ScenarioBatch.from_tensors(kept)
+
+    def row(self, world: int) -> dict[str, Tensor]:
+        """Return one scenario's tensors by name."""
+        return {name: rows[world] for name, rows in self._batch.tensors().items()}
+
+    def pedestrians(self, times_s: Tensor) -> Tensor:
+        """Return where everybody is.
+
+        Args:
+            times_s: [N, T] float64 s since each world's reset.
+
+        Returns:
+            [N, T, K, 5] float64 boxes, world; NaN rows where nobody is.
+        """
+        shape = (*times_s.shape, self._max_pedestrians, 5)
+        if self._batch is None:
+            return torch.full(shape, torch.nan, dtype=torch.float64)
+        worlds = torch.arange(self._num_worlds).repeat_interleave(times_s.shape[1])
+        return pedestrian_boxes(self._batch[worlds], times_s.flatten()).reshape(shape)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Return copies of all rows; nothing before the first :meth:`put`."""
+        tensors = {} if self._batch is None else self._batch.tensors()
+        return {_PREFIX + name: rows.clone() for name, rows in tensors.items()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take over the rows that :meth:`state_dict` returned; other keys are passed over.
+
+        Raises:
+            ValueError: a key is missing, or the rows are for another N or K.
+        """
+        tensors = {
+            name.removeprefix(_PREFIX): rows.clone()
+            for name, rows in state.items()
+            if name.startswith(_PREFIX)
+        }
+        if not tensors:
+            self._batch = None
+            return
+        missing = ScenarioBatch.__dataclass_fields__.keys() - tensors.keys()
+        if missing:
+            raise ValueError(f"state lacks {sorted(_PREFIX + name for name in missing)}")
+        wanted, got = (self._num_worlds, self._max_pedestrians), tensors["ped_present"].shape
+        if wanted != tuple(got):
+            raise ValueError(f"state['{_PREFIX}ped_present'] must be {list(wanted)}, got {[*got]}")
+        self._batch = ScenarioBatch.from_tensors(tensors)
+
+
+def _seated(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
+    """Move those present to the front, in their order, and make it K rows for pedestrians."""
+    order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)[:, :max_pedestrians]
+    row, count = torch.arange(len(scenarios))[:, None], order.shape[1]
+    tensors = scenarios.tensors()
+    for name, value in tensors.items():
+        if name.startswith(("ped_", "route")):
+            seated = value.new_zeros(len(scenarios), max_pedestrians, *value.shape[2:])
+            seated[:, :count] = value[row, order]
+            tensors[name] = seated
+    return ScenarioBatch.from_tensors(tensors)
+
+
+def _widened(scenarios: ScenarioBatch, num_walls: int) -> dict[str, Tensor]:
+    """Return the tensors with room for so many walls."""
+    tensors = scenarios.tensors()
+    missing = num_walls - tensors["boxes"].shape[1]
+    tensors["boxes"] = torch.nn.functional.pad(tensors["boxes"], (0, 0, 0, missing))
+    return tensors
