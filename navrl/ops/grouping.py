@@ -8,6 +8,8 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
+from navrl.ops.backend import Backend, is_compiled
+
 # A point on the border of two sectors belongs to both, also in float32.
 SECTOR_TOLERANCE_RAD = 1e-6
 
@@ -36,6 +38,7 @@ def tagd(
     empty_now: EmptyNow = "center",
     empty_previous: EmptyPrevious = "current",
     empty_scans: EmptyScans = "groups",
+    backend: Backend = "auto",
 ) -> GroupDescriptors:
     """Describe the nearest obstacle of each direction at two times.
 
@@ -58,6 +61,7 @@ def tagd(
             ``"current"`` equal to ``c_t`` (no apparent motion), ``"center"`` or ``"zeros"``.
         empty_scans: What happens if neither scan has any return: ``"groups"`` fills each group by
             the two rules above, ``"zeros"`` makes all descriptors zero.
+        backend: See :mod:`navrl.ops.backend`; the kernel computes in float64.
 
     Returns:
         The descriptors and which of their halves are real.
@@ -74,6 +78,9 @@ def tagd(
     _check_scan("points", points, "returns", returns)
     _check_scan("previous_points", previous_points, "previous_returns", previous_returns)
     check_grouping(num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
+    if is_compiled(backend, points, returns, previous_points, previous_returns):
+        options = (num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
+        return _tagd_compiled((points, returns, previous_points, previous_returns), options)
     points = torch.where(returns.unsqueeze(-1), points, 0.0)
     previous_points = torch.where(previous_returns.unsqueeze(-1), previous_points, 0.0)
     center = group_centers(points, returns, num_groups, max_range)
@@ -89,6 +96,16 @@ def tagd(
         has_return = returns.any(-1) | previous_returns.any(-1)
         descriptors = torch.where(has_return[..., None, None], descriptors, 0.0)
     return GroupDescriptors(descriptors, torch.stack([has_previous, has_now], dim=-1))
+
+
+def _tagd_compiled(scans: tuple[Tensor, ...], options: tuple) -> GroupDescriptors:
+    from navrl.ops.kernels.grouping import tagd_cpu
+
+    batch = scans[0].shape[:-2]
+    flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
+    return GroupDescriptors(
+        *(values.reshape(batch + values.shape[1:]) for values in tagd_cpu(*flat, *options))
+    )
 
 
 def group_centers(points: Tensor, returns: Tensor, num_groups: int, max_range: float) -> Tensor:

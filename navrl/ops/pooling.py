@@ -8,6 +8,8 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
+from navrl.ops.backend import Backend, is_compiled
+
 # A reading closer to the maximum than this is the maximum: float noise never makes a return.
 RETURN_MARGIN_M = 1e-4
 
@@ -30,6 +32,7 @@ def min_pool(
     group_size: int = 8,
     max_range: float = 3.5,
     bearing: Bearing = "bin",
+    backend: Backend = "auto",
 ) -> PooledScan:
     """Keep the nearest of each ``group_size`` neighbouring beams.
 
@@ -44,6 +47,7 @@ def min_pool(
         max_range: Range of the sensor, m.
         bearing: Where a point is drawn: ``"bin"`` at the centre angle of its bin, ``"beam"`` at the
             angle of the beam that measured it.
+        backend: See :mod:`navrl.ops.backend`; all agree bit for bit.
 
     Returns:
         The pooled scan with ``N = beams / group_size`` points, ordered by bearing.
@@ -57,14 +61,16 @@ def min_pool(
         ``"beam"`` is up to half a bin (0.9 deg) more exact.
     """
     check_pooling(ranges.shape, group_size, max_range, bearing)
+    if is_compiled(backend, ranges):
+        return _min_pool_compiled(ranges, group_size, max_range, bearing)
     is_return = (ranges > 0.0) & (ranges < max_range - RETURN_MARGIN_M)  # False for NaN
     beams = torch.where(is_return, ranges, max_range).unflatten(-1, (-1, group_size))
     nearest, index = beams.min(dim=-1)
     returns = nearest < max_range
-    angle = _bin_centre(ranges, group_size)
+    angle = bin_centres(ranges.shape[-1], group_size, ranges.dtype, ranges.device)
     if bearing == "beam":
-        offset = index.to(ranges.dtype) - 0.5 * (group_size - 1)
-        angle = angle + torch.where(returns, offset, 0.0) * (2.0 * math.pi / ranges.shape[-1])
+        offset = beam_offsets(index, ranges.shape[-1], group_size, ranges.dtype)
+        angle = angle + torch.where(returns, offset, 0.0)
     direction = torch.stack([angle.cos(), angle.sin()], dim=-1)
     return PooledScan(nearest, nearest.unsqueeze(-1) * direction, returns)
 
@@ -87,8 +93,28 @@ def check_pooling(
         raise ValueError(f"bearing must be 'bin' or 'beam', got {bearing!r}")
 
 
-def _bin_centre(ranges: Tensor, group_size: int) -> Tensor:
+def _min_pool_compiled(
+    ranges: Tensor, group_size: int, max_range: float, bearing: Bearing
+) -> PooledScan:
+    from navrl.ops.kernels.pooling import min_pool_cpu
+
+    batch = ranges.shape[:-1]
+    flat = ranges.reshape(batch.numel(), ranges.shape[-1])
+    pooled = min_pool_cpu(flat, group_size, max_range, bearing)
+    return PooledScan(*(values.reshape(batch + values.shape[1:]) for values in pooled))
+
+
+def bin_centres(
+    num_beams: int,
+    group_size: int,
+    dtype: torch.dtype,
+    device: torch.device | str = "cpu",
+) -> Tensor:
     """Return the centre angle of each bin, ``[N]`` rad."""
-    num_beams = ranges.shape[-1]
-    first_beam = torch.arange(0, num_beams, group_size, device=ranges.device, dtype=ranges.dtype)
+    first_beam = torch.arange(0, num_beams, group_size, device=device, dtype=dtype)
     return (first_beam + 0.5 * (group_size - 1)) * (2.0 * math.pi / num_beams)
+
+
+def beam_offsets(index: Tensor, num_beams: int, group_size: int, dtype: torch.dtype) -> Tensor:
+    """Return the angle, rad, from a bin's centre to the ``index``-th of its beams."""
+    return (index.to(dtype) - 0.5 * (group_size - 1)) * (2.0 * math.pi / num_beams)

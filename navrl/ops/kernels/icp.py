@@ -195,7 +195,7 @@ def iterate(
     number, rmse = 0, 0.0
     for iteration in range(max_iterations):
         move_points(source, motion[0], motion[1], motion[2], moved, moved_single)
-        shift = int(round(motion[2] * num_source / _TURN))
+        shift = round(motion[2] * num_source / _TURN)
         find_nearest(
             moved_single, source_returns, shift, unrolled, is_windowed, gate, squared, match,
             matched,
