@@ -57,7 +57,9 @@ def place_pedestrian(box, route, arc, walk, time_s):
     share = (along - arc[segment]) / span if span > 0.0 else 0.0
     box[0], box[1] = ax + share * dx, ay + share * dy
     box[2], box[3] = walk[2], walk[3]
-    box[4] = math.atan2(dy, dx) if forward else math.atan2(-dy, -dx)
+    box[4] = 0.0  # who stands faces along x
+    if speed > 0.0 and span > 0.0:
+        box[4] = math.atan2(dy, dx) if forward else math.atan2(-dy, -dx)
 
 
 @scalar
