@@ -12,6 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navrl.ops.backend import Backend, is_compiled
+
 
 class PathProjection(NamedTuple):
     """Result of :func:`project_onto_path`."""
@@ -28,6 +30,7 @@ def project_onto_path(
     previous_progress: Tensor | None = None,
     ahead: float = 1.0,
     behind: float = 0.0,
+    backend: Backend = "auto",
 ) -> PathProjection:
     """Find the closest point of the path near the place where the robot was before.
 
@@ -42,6 +45,7 @@ def project_onto_path(
             whole path, as at the start of an episode.
         ahead: Length of the searched stretch after the previous progress, m.
         behind: Length of the searched stretch before it, m.
+        backend: See :mod:`navrl.ops.backend`.
 
     Returns:
         The arc length of the projection and its distance.
@@ -83,13 +87,14 @@ def project_onto_path(
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 
 
-def point_at(path: Tensor, arc: Tensor) -> Tensor:
+def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
     """Return the point at an arc length along the path.
 
     Args:
         path: ``[*B, P, 2]`` m, P >= 2.
         arc: ``[*B]`` or ``[*B, K]`` m from the path's first point; clamped to the path's ends, so
             that past the goal it is the goal.
+        backend: See :mod:`navrl.ops.backend`.
 
     Returns:
         ``[*B, 2]`` or ``[*B, K, 2]`` m.
@@ -104,7 +109,7 @@ def point_at(path: Tensor, arc: Tensor) -> Tensor:
             f"got {tuple(arc.shape)}"
         )
     if arc.ndim == path.ndim - 2:
-        return point_at(path, arc.unsqueeze(-1)).squeeze(-2)
+        return point_at(path, arc.unsqueeze(-1), backend).squeeze(-2)
     cumulative, length, _ = _segments(path)
     arc = torch.minimum(arc.clamp(min=0.0), cumulative[..., -1:])
     ends = cumulative[..., 1:].contiguous()
@@ -113,6 +118,45 @@ def point_at(path: Tensor, arc: Tensor) -> Tensor:
     fraction = (along / length.gather(-1, segment).clamp(min=1e-9)).clamp(0.0, 1.0)
     pair = segment.unsqueeze(-1).expand(*segment.shape, 2)
     return torch.lerp(path.gather(-2, pair), path.gather(-2, pair + 1), fraction.unsqueeze(-1))
+
+
+def _project_numba(
+    path: Tensor,
+    position: Tensor,
+    previous_progress: Tensor | None,
+    ahead: float,
+    behind: float,
+) -> PathProjection:
+    from navrl.ops.kernels.path import project_kernel
+
+    batch, count = path.shape[:-2], path.shape[:-2].numel()
+    if previous_progress is None:
+        previous_progress = torch.full(batch, math.nan, dtype=path.dtype)
+    progress, distance = torch.empty(2, count, dtype=path.dtype)
+    project_kernel(
+        progress.numpy(),
+        distance.numpy(),
+        path.reshape(count, -1, 2).contiguous().numpy(),
+        position.expand(*batch, 2).reshape(count, 2).contiguous().numpy(),
+        previous_progress.expand(batch).reshape(count).contiguous().numpy(),
+        ahead,
+        behind,
+    )
+    return PathProjection(progress.reshape(batch), distance.reshape(batch))
+
+
+def _point_at_numba(path: Tensor, arc: Tensor) -> Tensor:
+    from navrl.ops.kernels.path import points_at_kernel
+
+    batch, count = path.shape[:-2], path.shape[:-2].numel()
+    arc = arc.expand(*batch, arc.shape[-1])
+    points = torch.empty(count, arc.shape[-1], 2, dtype=path.dtype)
+    points_at_kernel(
+        points.numpy(),
+        path.reshape(count, -1, 2).contiguous().numpy(),
+        arc.reshape(count, -1).contiguous().numpy(),
+    )
+    return points.reshape(*batch, -1, 2)
 
 
 def path_length(path: Tensor) -> Tensor:

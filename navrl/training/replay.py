@@ -82,7 +82,7 @@ class Replay:
     def sample(self) -> TensorDictBase:
         """Draw ``[batch_size]`` transitions uniformly, observations in float32."""
         batch = self._buffer.sample()
-        return batch.float() if self._dtype != torch.float32 else batch
+        return batch.apply(lambda value: value.float() if value.is_floating_point() else value)
 
     def _compact(self, tensordict: TensorDictBase) -> dict[str, torch.Tensor]:
         return {key: tensordict.get(key).to(self._dtype) for key in self.observation_keys}

@@ -125,3 +125,25 @@ def test_any_batch_shape(batch):
 def test_bad_input_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call(torch.rand(4, 2))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_kernels_equal_the_reference(seed):
+    generator = torch.Generator().manual_seed(seed)
+    path = torch.randn(64, 60, 2, generator=generator).mul(0.1).cumsum(1)
+    path[:, 40:] = path[:, 40:41]  # padded with the goal
+    position = path[:, 10] + 0.3 * torch.randn(64, 2, generator=generator)
+    previous = 3 * torch.rand(64, generator=generator)
+    for before in (None, previous):
+        for ahead, behind in ((1.0, 0.0), (0.5, 0.3)):
+            args = (path, position, before, ahead, behind)
+            fast = project_onto_path(*args, backend="numba")
+            slow = project_onto_path(*args, backend="torch")
+            torch.testing.assert_close(fast.distance, slow.distance, atol=1e-4, rtol=0)
+            # Two stretches can be equally near; then any of them is right.
+            same = (fast.progress - slow.progress).abs() < 1e-3
+            assert same.float().mean() > 0.95
+    arc = 6 * torch.rand(64, 7, generator=generator) - 0.5
+    torch.testing.assert_close(
+        point_at(path, arc, "numba"), point_at(path, arc, "torch"), atol=1e-4, rtol=0
+    )

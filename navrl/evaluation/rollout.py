@@ -1,0 +1,163 @@
+"""Play fixed scenarios with a policy and record how each ends."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import TransformedEnv
+from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
+
+from navrl import keys
+from navrl.envs import Outcome
+from navrl.sim import Contact
+from navrl.worlds import KINDS, ScenarioBatch
+
+ERROR = "error"
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """How one episode went.
+
+    Args:
+        index: Number within the suite.
+        scenario: Kind of world.
+        outcome: ``success``, ``collision_pedestrian``, ``collision_static``, ``timeout``; or
+            ``error``, which counts as no success and is never dropped.
+        steps: Until the end.
+        time_s: s until the end.
+        path_length_m: m driven.
+        min_pedestrian_distance_m: m, least distance from hull to pedestrian, surface to surface.
+        run_into: Whether a pedestrian moved into the robot rather than the robot into it.
+        error: Traceback, if the episode raised.
+    """
+
+    index: int
+    scenario: str
+    outcome: str
+    steps: int
+    time_s: float
+    path_length_m: float
+    min_pedestrian_distance_m: float
+    run_into: bool = False
+    error: str = ""
+
+
+@torch.no_grad()
+def evaluate(
+    env: TransformedEnv,
+    policy: Callable[[TensorDictBase], TensorDictBase],
+    scenarios: ScenarioBatch,
+    on_step: Callable[[TensorDictBase], None] | None = None,
+    on_chunk: Callable[[int], None] | None = None,
+) -> list[EpisodeRecord]:
+    """Play each scenario once.
+
+    Args:
+        env: Environment over N worlds with ``privileged=True``; scenarios are played N at a time,
+            in order, the last chunk padded by repetition. A record does not depend on N.
+        policy: Writes a normalised action; noise is off.
+        scenarios: What to play.
+        on_step: Called with every batch of transitions, e.g. to record them.
+        on_chunk: Called with the number of episodes finished since the last call.
+
+    Returns:
+        A record per scenario, in order.
+    """
+    size = env.batch_size.numel()
+    records: list[EpisodeRecord] = []
+    for first in range(0, len(scenarios), size):
+        rows = torch.arange(first, first + size).clamp_max(len(scenarios) - 1)
+        count = min(size, len(scenarios) - first)
+        batch = scenarios[rows]
+        try:
+            tally = _play(env, policy, batch, on_step)
+            played = [_record(tally, batch, k, first + k) for k in range(count)]
+        except Exception:  # one bad episode must neither stop an evaluation nor vanish from it
+            played = _failed(batch, first, count, traceback.format_exc())
+        records += played
+        if on_chunk is not None:
+            on_chunk(count)
+    return records
+
+
+@dataclass
+class _Tally:
+    outcome: Tensor
+    contact: Tensor
+    steps: Tensor
+    length: Tensor
+    clearance: Tensor
+    time_step_s: float
+
+
+def _play(
+    env: TransformedEnv,
+    policy: Callable[[TensorDictBase], TensorDictBase],
+    batch: ScenarioBatch,
+    on_step: Callable[[TensorDictBase], None] | None,
+) -> _Tally:
+    base = env.base_env
+    base.set_scenarios(batch)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        carrier = env.reset()
+        n = len(batch)
+        tally = _Tally(
+            outcome=torch.zeros(n, dtype=torch.int64),
+            contact=torch.zeros(n, dtype=torch.int64),
+            steps=torch.zeros(n, dtype=torch.int64),
+            length=torch.zeros(n),
+            clearance=carrier[keys.PEDESTRIAN_CLEARANCE].squeeze(-1).clone(),
+            time_step_s=base.simulator.time_step_s,
+        )
+        running = torch.ones(n, dtype=torch.bool)
+        while bool(running.any()):
+            stepped = env.step(policy(carrier))
+            if on_step is not None:
+                on_step(stepped)
+            running = _count(tally, running, stepped)
+            carrier = step_mdp(stepped)
+    return tally
+
+
+def _count(tally: _Tally, running: Tensor, stepped: TensorDictBase) -> Tensor:
+    """Add a step of the worlds that still run; return which go on."""
+    following = stepped["next"]
+    moved = following[keys.POSE][:, :2] - stepped[keys.POSE][:, :2]
+    clearance = following[keys.PEDESTRIAN_CLEARANCE].squeeze(-1)
+    tally.length += torch.where(running, moved.norm(dim=-1), 0.0)
+    tally.clearance = torch.where(
+        running, torch.minimum(tally.clearance, clearance), tally.clearance
+    )
+    tally.steps += running
+    ends = running & following["done"].squeeze(-1)
+    tally.outcome = torch.where(ends, following[keys.OUTCOME].squeeze(-1), tally.outcome)
+    tally.contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), tally.contact)
+    return running & ~ends
+
+
+def _record(tally: _Tally, batch: ScenarioBatch, row: int, index: int) -> EpisodeRecord:
+    steps = int(tally.steps[row])
+    return EpisodeRecord(
+        index=index,
+        scenario=KINDS[int(batch.kind[row])],
+        outcome=Outcome(int(tally.outcome[row])).name.lower(),
+        steps=steps,
+        time_s=steps * tally.time_step_s,
+        path_length_m=float(tally.length[row]),
+        min_pedestrian_distance_m=float(tally.clearance[row]),
+        run_into=int(tally.contact[row]) == Contact.RUN_INTO,
+    )
+
+
+def _failed(batch: ScenarioBatch, first: int, count: int, error: str) -> list[EpisodeRecord]:
+    nan = float("nan")
+    return [
+        EpisodeRecord(first + k, KINDS[int(batch.kind[k])], ERROR, 0, nan, nan, nan, False, error)
+        for k in range(count)
+    ]
