@@ -1,6 +1,7 @@
 """TAGD against Algorithm 1, written as the two loops it is."""
 
 import math
+from functools import partial
 
 import pytest
 import torch
@@ -9,6 +10,12 @@ from navrl.ops.grouping import tagd
 from navrl.ops.pooling import min_pool
 
 MAX, RADIUS = 3.5, 0.25
+
+
+@pytest.fixture(autouse=True, params=["torch", "numba"])
+def backend(request, monkeypatch):
+    """Every test of this file holds for both implementations."""
+    monkeypatch.setitem(globals(), "tagd", partial(tagd, backend=request.param))
 
 
 def algorithm_1(
@@ -51,7 +58,7 @@ def centroid(points):
 def random_scans(count, seed, num_points=60):
     """Two scans of broken walls, near and far; some have gaps, some no return at all."""
     generator = torch.Generator().manual_seed(seed)
-    wall = 0.3 + 3.8 * torch.rand(count, num_points // 5, 1, generator=generator)
+    wall = 0.1 + 4.0 * torch.rand(count, num_points // 5, 1, generator=generator)
     scans = []
     for empty in (slice(0, None, 5), slice(0, None, 4)):
         ranges = wall + 0.2 * torch.rand(count, num_points // 5, 5, generator=generator)

@@ -1,6 +1,7 @@
 """ICP recovers known motions: exactly without noise, closely with it, in both directions."""
 
 import math
+from functools import partial
 
 import pytest
 import torch
@@ -11,6 +12,12 @@ from navrl.ops.icp import PAPER, ROBUST, IcpOptions, align
 from navrl.ops.lines import fit_lines
 from navrl.ops.rigid_fit import fit_rigid
 from navrl.ops.rotation_search import rotation_search
+
+
+@pytest.fixture(autouse=True, params=["torch", "numba"])
+def backend(request, monkeypatch):
+    """Every test of this file holds for both implementations."""
+    monkeypatch.setitem(globals(), "align", partial(align, backend=request.param))
 
 
 def both_ways(pairs):
@@ -196,6 +203,17 @@ def test_lines_of_a_square_room():
     both = lines.is_line & lines.is_line.roll(-1, 1) & (following.norm(dim=-1) < 0.2)
     slide = (following * lines.normal).sum(-1).abs() / following.norm(dim=-1).clamp(min=1e-6)
     assert slide[both].median() < 0.01  # neighbours lie along the line
+
+
+def test_lines_do_not_reach_across_a_gap():
+    """A near wall before a far one: where one ends, its line does not bend to the other."""
+    y = torch.linspace(-1, 1, 40)
+    points = torch.stack([torch.where(y < 0, 1.0, 2.0), y], dim=-1)
+    returns = torch.ones(40, dtype=torch.bool)
+    lines = fit_lines(points, returns)
+    ahead = slice(3, -3)  # the first and last points are neighbours across the scan's seam
+    assert lines.is_line[ahead].all()
+    torch.testing.assert_close(lines.normal[ahead, 0].abs(), torch.ones(34))
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,20 @@ from hypothesis import strategies as st
 from navrl.ops.pooling import min_pool
 
 MAX = 3.5
+BACKENDS = ["torch", "numba"]
 
 
 @given(
-    st.integers(1, 6), st.integers(1, 9), st.integers(0, 10_000), st.sampled_from(["bin", "beam"])
+    st.integers(1, 6),
+    st.integers(1, 9),
+    st.integers(0, 10_000),
+    st.sampled_from(["bin", "beam"]),
+    st.sampled_from(BACKENDS),
 )
-def test_equals_a_loop(group_size, num_points, seed, bearing):
+def test_equals_a_loop(group_size, num_points, seed, bearing, backend):
     beams = group_size * num_points
     ranges = 4.0 * torch.rand(beams, generator=torch.Generator().manual_seed(seed)) + 1e-3
-    pooled = min_pool(ranges, group_size, MAX, bearing)
+    pooled = min_pool(ranges, group_size, MAX, bearing, backend)
     for index in range(num_points):
         group = [min(ranges[index * group_size + k].item(), MAX) for k in range(group_size)]
         nearest = min(group)
@@ -38,12 +43,13 @@ def test_loses_no_near_obstacle():
 
 
 @pytest.mark.parametrize("miss", [math.nan, math.inf, -math.inf, 0.0, -1.0, MAX, MAX + 1e-6, 99.0])
-def test_what_is_no_return_is_the_maximum(miss):
-    pooled = min_pool(torch.full((4,), miss), group_size=2)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_is_no_return_is_the_maximum(miss, backend):
+    pooled = min_pool(torch.full((4,), miss), group_size=2, backend=backend)
     assert (pooled.ranges == MAX).all() and not pooled.returns.any()
     assert pooled.points.isfinite().all()
     ranges = torch.tensor([1.0, miss, miss, 2.0])  # it leaves its neighbour's reading alone
-    pooled = min_pool(ranges, group_size=2)
+    pooled = min_pool(ranges, group_size=2, backend=backend)
     assert pooled.ranges.tolist() == [1.0, 2.0] and pooled.returns.all()
 
 
