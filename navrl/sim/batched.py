@@ -17,11 +17,10 @@ from navrl.ops.raycast import beam_directions
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive
 from navrl.sim.simulator import SimState, Simulator
+from navrl.worlds.scenario import MAX_ROUTE_POINTS
 
 if TYPE_CHECKING:
     from navrl.worlds import ScenarioBatch
-
-MAX_ROUTE_POINTS = 32
 
 
 class BatchedSimulator(Simulator):
