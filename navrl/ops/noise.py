@@ -91,7 +91,7 @@ def add_range_noise(
 
 
 def _table_rows(seed: Tensor, step: Tensor, num_beams: int) -> Tensor:
-    """Return [N, num_beams] int64 in [0, 4096): twelve bits of a hash per beam, four beams a hash."""
+    """Return [N, num_beams] int64 in [0, 4096): twelve bits of a hash each, four beams a hash."""
     key = _mix(_mix(seed + _GOLDEN) + step)
     beam = torch.arange(num_beams, device=seed.device)
     word = _mix(key[:, None] + _GOLDEN * (beam // 4 + 1))

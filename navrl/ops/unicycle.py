@@ -15,7 +15,7 @@ _SMALL_HALF_TURN = 1e-4  # rad; below it sin(h) / h is 1 - h^2 / 6 to the last b
 def advance_pose(
     x: float, y: float, yaw: float, v: float, w: float, duration: float
 ) -> tuple[float, float, float]:
-    """Drive along a circular arc: the chord has length v t sin(h)/h and direction yaw + h, h = w t/2.
+    """Drive along a circular arc: a chord v t sin(h)/h long in direction yaw + h, where h = w t/2.
 
     Args:
         x, y, yaw: pose, world, m and rad.

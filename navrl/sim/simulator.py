@@ -29,8 +29,8 @@ class Contact(IntEnum):
     Decided at the first substep at which the robot's disc reaches a box (distance <= 0). A wall
     wins over a pedestrian touched in the same substep. A pedestrian contact is ``RUN_INTO`` unless
     the robot drives faster than :data:`navrl.ops.contact.MOVING_SPEED` and the pedestrian's nearest
-    point lies on the side that it drives towards: then it is ``PEDESTRIAN``. Among several pedestrians touched
-    in the same substep, ``PEDESTRIAN`` wins over ``RUN_INTO``.
+    point lies on the side that it drives towards: then it is ``PEDESTRIAN``. Among several
+    pedestrians touched in the same substep, ``PEDESTRIAN`` wins over ``RUN_INTO``.
     """
 
     NONE = contact.NONE

@@ -104,8 +104,10 @@ def test_alignment_without_returns_is_the_identity():
     scans[3][1] = False
     scans[1][2], scans[3][2] = False, False
     result = align(*scans, ROBUST)
-    assert (result.transform[:3] == 0.0).all() and not result.converged[:3].any()
-    assert (result.inliers[:3] == 0).all() and result.converged[3]
+    assert (result.transform[:3] == 0.0).all()
+    assert not result.converged[:3].any()
+    assert (result.inliers[:3] == 0).all()
+    assert result.converged[3]
     assert_same_alignment(scans, ROBUST)
 
 
@@ -154,7 +156,8 @@ def test_pooling_equals_torch_bit_for_bit(bearing, dtype, beams, group_size):
     kernel = min_pool(ranges, group_size, bearing=bearing, backend="numba")
     oracle = min_pool(ranges, group_size, bearing=bearing, backend="torch")
     for ours, theirs in zip(kernel, oracle, strict=True):
-        assert torch.equal(ours, theirs) and ours.dtype == theirs.dtype
+        assert torch.equal(ours, theirs)
+        assert ours.dtype == theirs.dtype
 
 
 def test_results_do_not_depend_on_the_number_of_threads():

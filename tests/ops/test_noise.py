@@ -48,7 +48,8 @@ def test_steps_and_seeds_are_independent():
     noise = add_range_noise(ranges, seed, step, noise_table("gaussian", 0.025), 3.5) - 1.0
     correlation = torch.corrcoef(noise)
     assert torch.equal(noise[0], noise[3])
-    assert correlation[0, 1].abs() < 0.1 and correlation[0, 2].abs() < 0.1
+    assert correlation[0, 1].abs() < 0.1
+    assert correlation[0, 2].abs() < 0.1
 
 
 def test_noise_does_not_depend_on_the_batch():
@@ -70,7 +71,8 @@ def test_hits_stay_hits_and_misses_stay_misses(backend):
     table = noise_table("gaussian", 0.025)
     for reach in (0.0, 0.001, 3.4995, 3.499999):
         noisy = add_range_noise(torch.full((64, 1440), reach), seed, step, table, 3.5, backend)
-        assert noisy.min() >= 0.0 and noisy.max() <= 3.4991
+        assert noisy.min() >= 0.0
+        assert noisy.max() <= 3.4991
     misses = torch.full((64, 1440), 3.5)
     assert torch.equal(add_range_noise(misses, seed, step, table, 3.5, backend), misses)
 

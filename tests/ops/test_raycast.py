@@ -109,7 +109,8 @@ def test_nearer_box_hides_the_farther_in_any_order(backend):
         [[2.0, 0.0, 0.1, 0.5, 0.0], [1.0, 0.0, 0.1, 0.1, 0.0]], dtype=torch.float64
     )
     ranges = cast_rays(pose, boxes, num_beams=360, backend=backend)
-    assert ranges[0] == pytest.approx(0.9) and ranges[10] == pytest.approx(1.9 / math.cos(0.174533))
+    assert ranges[0] == pytest.approx(0.9)
+    assert ranges[10] == pytest.approx(1.9 / math.cos(0.174533))
     torch.testing.assert_close(ranges, cast_rays(pose, boxes.flip(0), num_beams=360))
 
 

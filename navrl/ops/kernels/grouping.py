@@ -1,4 +1,4 @@
-"""Group descriptors: :func:`navrl.ops.grouping.tagd` for one pair of scans at a time, in float64."""
+"""Group descriptors: :func:`navrl.ops.grouping.tagd`, pair of scans by pair, in float64."""
 
 import math
 

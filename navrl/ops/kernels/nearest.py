@@ -128,9 +128,11 @@ def find_nearest(points, source_returns, shift, target, is_windowed, gate, squar
     else:
         first = 1 + (shift - WINDOW // 2 - 1) % num_target
         search_window(x, y, target_x, target_y, first, WINDOW, squared, match)
-        if 0 == find_unproved(
-            x, y, target[2], target[3], first, WINDOW, np.float32(gate * gate), squared, flags
-        ):
+        gate_squared = np.float32(gate * gate)
+        num_unproved = find_unproved(
+            x, y, target[2], target[3], first, WINDOW, gate_squared, squared, flags
+        )
+        if num_unproved == 0:
             return
     for index in range(num_source):
         if flags[index] != 0 and source_returns[index]:

@@ -93,7 +93,7 @@ def touched_pedestrian(x, y, yaw, v, radius, boxes, near, num_near):
         px, py = nearest_point_on_box(x, y, cx, cy, hx, hy, math.cos(turn), math.sin(turn))
         if distance(px - x, py - y) <= radius:
             verdict = blame(x, y, math.cos(yaw), math.sin(yaw), v, px, py)
-            if result == NONE or result == RUN_INTO:
+            if result in (NONE, RUN_INTO):
                 result = verdict
     return result
 
