@@ -1,0 +1,253 @@
+"""One episode, step by step, as arrays in one file: replayed without the simulator."""
+
+from __future__ import annotations
+
+import zipfile
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import TransformedEnv
+
+from navrl import keys
+from navrl.envs import Outcome
+from navrl.evaluation.rollout import ERROR, evaluate
+from navrl.worlds import Scenario, ScenarioBatch
+
+_FORMAT = "navrl-recording-1"
+_TERM = f"{keys.REWARD_TERMS}/"
+_OBSERVED = {  # feature shape after time; None is any size
+    keys.POSE: (3,),
+    keys.PEDESTRIAN_BOXES: (None, 5),
+    keys.RANGES: (None,),
+    keys.POINTS: (None, 2),
+    keys.ALIGNED_POINTS: (None, 2),
+    keys.TAGD: (None, 4),
+    keys.TAGD_VALID: (None, 2),
+    keys.WAYPOINTS: (None, 2),
+}
+_DECIDED = {
+    keys.ACTION: (2,),
+    keys.SPATIAL_ATTENTION: (None,),
+    keys.TEMPORAL_ATTENTION: (None,),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """What was observed and decided in an episode of T steps.
+
+    Observations have T + 1 rows, row t before step t and the last one after the end; decisions and
+    rewards have T. What a pipeline or a policy does not make (an ablation without TAGDs, a
+    controller without attention) is ``None``. Names and frames are those of :mod:`navrl.keys`.
+
+    Args:
+        scenario: The episode's :class:`navrl.worlds.Scenario` as JSON; it can be played again.
+        outcome: ``success``, ``collision_pedestrian``, ``collision_static`` or ``timeout``.
+        time_step_s: s.
+        robot_radius: m.
+        goal_radius: m.
+        max_range: m, the range of a beam without return.
+        walls: ``[W, 5]`` boxes (cx, cy, hx, hy, yaw), m and rad, world.
+        path: ``[P, 2]`` m, world.
+        goal: ``[2]`` m, world.
+        pose: ``[T + 1, 3]`` (x, y, yaw), world.
+        pedestrian_boxes: ``[T + 1, K, 5]`` m and rad, world; NaN where nobody is.
+        ranges: ``[T + 1, beams]`` m, the noisy scan.
+        points: ``[T + 1, N, 2]`` m, the pooled scan, robot frame.
+        points_aligned: ``[T + 1, N, 2]`` m, the scan before, robot frame now.
+        tagd: ``[T + 1, N_c, 4]`` m, (c_{t-1}, c_t), robot frame.
+        tagd_valid: ``[T + 1, N_c, 2]`` bool, which halves are real.
+        waypoints: ``[T + 1, N_f, 2]`` m, robot frame.
+        action: ``[T, 2]`` physical command (v, w), m/s and rad/s.
+        spatial_attention: ``[T, N_b]``, sums to 1.
+        temporal_attention: ``[T, N_c]``, sums to 1.
+        reward_terms: ``[T]`` weighted contribution of each term, by name.
+
+    Raises:
+        ValueError: If a shape does not fit, naming the array.
+    """
+
+    scenario: str
+    outcome: str
+    time_step_s: float
+    robot_radius: float
+    goal_radius: float
+    max_range: float
+    walls: np.ndarray
+    path: np.ndarray
+    goal: np.ndarray
+    pose: np.ndarray
+    pedestrian_boxes: np.ndarray
+    ranges: np.ndarray
+    action: np.ndarray
+    reward_terms: dict[str, np.ndarray]
+    points: np.ndarray | None = None
+    points_aligned: np.ndarray | None = None
+    tagd: np.ndarray | None = None
+    tagd_valid: np.ndarray | None = None
+    waypoints: np.ndarray | None = None
+    spatial_attention: np.ndarray | None = None
+    temporal_attention: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        steps = self.num_steps
+        expected = {"walls": (None, 5), "path": (None, 2), "goal": (2,)}
+        expected |= {name: (steps + 1, *shape) for name, shape in _OBSERVED.items()}
+        expected |= {name: (steps, *shape) for name, shape in _DECIDED.items()}
+        arrays = {name: getattr(self, name) for name in expected}
+        for name, term in self.reward_terms.items():
+            expected[_TERM + name], arrays[_TERM + name] = (steps,), term
+        for name, array in arrays.items():
+            if array is not None:
+                _check_shape(name, array, expected[name])
+
+    @property
+    def num_steps(self) -> int:
+        """T."""
+        return len(self.action)
+
+    def save(self, file: str | Path) -> None:
+        """Write one compressed ``.npz`` that numpy alone can read.
+
+        Raises:
+            ValueError: If the name does not end in ``.npz``.
+        """
+        if Path(file).suffix != ".npz":
+            raise ValueError(f"file={file}: must end in .npz")
+        values = {name: value for name, value in vars(self).items() if value is not None}
+        terms = values.pop(keys.REWARD_TERMS)
+        values |= {_TERM + name: term for name, term in terms.items()}
+        np.savez_compressed(file, format=_FORMAT, **values)
+
+    @classmethod
+    def load(cls, file: str | Path) -> Recording:
+        """Read what :meth:`save` wrote; nothing in the file is executed.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If it is no recording.
+        """
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                stored = {name: archive[name] for name in archive.files}
+        except (AttributeError, TypeError, ValueError, zipfile.BadZipFile) as error:
+            raise ValueError(f"{file}: no recording of navrl ({error})") from error
+        if str(stored.pop("format", "")) != _FORMAT:
+            raise ValueError(f"{file}: need format {_FORMAT!r}")
+        terms = {
+            name.removeprefix(_TERM): stored.pop(name)
+            for name in list(stored)
+            if name.startswith(_TERM)
+        }
+        missing = {f.name for f in fields(cls) if f.default is not None} - {keys.REWARD_TERMS}
+        if missing - stored.keys():
+            raise ValueError(f"{file}: missing {sorted(missing - stored.keys())}")
+        plain = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
+        return cls(**plain, reward_terms=terms)
+
+
+class EpisodeRecorder:
+    """Collect one world's steps; give it to :func:`navrl.evaluation.evaluate` as ``on_step``.
+
+    It only reads, so an episode goes the same with and without it.
+
+    Args:
+        env: Environment that is played, with ``privileged=True``.
+        scenario: What its world plays.
+        row: Which of its worlds.
+    """
+
+    def __init__(self, env: TransformedEnv, scenario: Scenario, row: int = 0) -> None:
+        self._env, self._scenario, self._row = env, scenario, row
+        self._series: dict[str, list[np.ndarray]] = defaultdict(list)
+        self._outcome = Outcome.RUNNING
+
+    def __call__(self, stepped: TensorDictBase) -> None:
+        """Add a batch of transitions; what comes after the world's end is passed over."""
+        if self._outcome != Outcome.RUNNING:
+            return
+        before, after = stepped[self._row], stepped["next"][self._row]
+        if not self._series:
+            self._append(before, _OBSERVED)
+        self._append(after, _OBSERVED)
+        self._append(before, [name for name in _DECIDED if name != keys.ACTION])
+        command = self._env.transform.inv(stepped.select(keys.ACTION))[keys.ACTION]
+        self._series[keys.ACTION].append(_copy(command[self._row]))
+        for name, term in after[keys.REWARD_TERMS].items():
+            self._series[_TERM + name].append(_copy(term.squeeze(-1)))
+        self._outcome = Outcome(int(after[keys.OUTCOME]))
+
+    def recording(self) -> Recording:
+        """Return the episode.
+
+        Raises:
+            ValueError: If it has not ended.
+        """
+        if self._outcome == Outcome.RUNNING:
+            raise ValueError("the episode has not ended")
+        base, scenario = self._env.base_env, self._scenario
+        series = {name: np.stack(rows) for name, rows in self._series.items()}
+        names = [name for name in series if name.startswith(_TERM)]
+        terms = {name.removeprefix(_TERM): series.pop(name) for name in names}
+        return Recording(
+            scenario=scenario.to_json(),
+            outcome=self._outcome.name.lower(),
+            time_step_s=float(base.simulator.time_step_s),
+            robot_radius=float(base.simulator.robot.radius),
+            goal_radius=float(base.goal_radius),
+            max_range=float(base.simulator.lidar.max_range),
+            walls=np.array(scenario.boxes),
+            path=np.array(scenario.path),
+            goal=np.array(scenario.goal),
+            reward_terms=terms,
+            **series,
+        )
+
+    def _append(self, step: TensorDictBase, names: list[str] | dict[str, tuple]) -> None:
+        for name in names:
+            value = step.get(name, None)
+            if value is not None:
+                self._series[name].append(_copy(value))
+
+
+def record_episode(
+    env: TransformedEnv,
+    policy: Callable[[TensorDictBase], TensorDictBase],
+    scenario: Scenario,
+) -> Recording:
+    """Play one scenario and keep all of it.
+
+    Args:
+        env: Environment with ``privileged=True`` and any number of worlds; the first is recorded.
+        policy: Writes a normalised action; its attention is kept if it writes that too.
+        scenario: What to play.
+
+    Returns:
+        The episode, the same one that :func:`navrl.evaluation.evaluate` judges.
+
+    Raises:
+        RuntimeError: If the episode raised; the traceback is in the message.
+    """
+    recorder = EpisodeRecorder(env, scenario)
+    (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]), on_step=recorder)
+    if record.outcome == ERROR:
+        raise RuntimeError(f"scenario {scenario.index} of {scenario.suite}:\n{record.error}")
+    return recorder.recording()
+
+
+def _copy(value: Tensor) -> np.ndarray:
+    return value.detach().cpu().numpy().copy()
+
+
+def _check_shape(name: str, array: np.ndarray, expected: tuple[int | None, ...]) -> None:
+    got = np.shape(array)
+    fits = len(got) == len(expected) and all(
+        want is None or want == have for want, have in zip(expected, got, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"{name}: need shape {list(expected)}, got {list(got)}")

@@ -1,0 +1,158 @@
+"""A recording holds the whole episode, changes nothing, and survives the disk."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tensordict.nn import TensorDictSequential
+
+from navrl import keys
+from navrl.build import actor_node, make_env, make_navigation_env, observation_shapes
+from navrl.config import compose, instantiate
+from navrl.evaluation import evaluate
+from navrl.evaluation.recording import EpisodeRecorder, Recording, record_episode
+from navrl.policies.classical import PurePursuit
+from navrl.worlds import Scenario, ScenarioBatch
+
+
+@pytest.fixture(scope="module")
+def cfg():
+    return compose("train", ["scenario=corridor", "network=small"])
+
+
+@pytest.fixture(scope="module")
+def env(cfg):
+    env = make_env(make_navigation_env(cfg, 2, privileged=True), instantiate(cfg.transforms))
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def policy(cfg, env):
+    """Pure pursuit that drives, after an untrained actor that attends."""
+    torch.manual_seed(0)
+    actor = instantiate(actor_node(cfg, observation_shapes(env)), with_attention=True)
+    return TensorDictSequential(actor, PurePursuit(env.base_env.simulator.robot))
+
+
+@pytest.fixture(scope="module")
+def scenario(cfg):
+    return instantiate(cfg.scenario).sample("recorded", 0, 3)
+
+
+@pytest.fixture(scope="module")
+def recording(env, policy, scenario):
+    return record_episode(env, policy, scenario)
+
+
+def test_recording_changes_nothing(env, policy, scenario):
+    batch = ScenarioBatch.pack([scenario])
+    recorder = EpisodeRecorder(env, scenario)
+    assert evaluate(env, policy, batch, on_step=recorder) == evaluate(env, policy, batch)
+
+
+def test_agrees_with_the_record(env, policy, scenario, recording):
+    (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]))
+    driven = np.linalg.norm(np.diff(recording.pose[:, :2], axis=0), axis=1).sum()
+    assert (recording.outcome, recording.num_steps) == (record.outcome, record.steps)
+    assert driven == pytest.approx(record.path_length_m, abs=1e-4)
+
+
+def test_rows_are_in_step_with_time(recording, scenario):
+    """Pose and command fit: the speed commanded in step t is driven from row t to row t + 1."""
+    free = recording.action[:-1]  # the last step may end in a contact
+    chord = np.linalg.norm(np.diff(recording.pose[:-1, :2], axis=0), axis=1)
+    arc = free[:, 0] * recording.time_step_s
+    half_turn = free[:, 1] * recording.time_step_s / 2
+    assert np.allclose(recording.pose[0], scenario.start, atol=1e-6)
+    assert np.allclose(chord, arc * np.sinc(half_turn / np.pi), atol=1e-5)
+    assert np.ptp(free[:, 1]) > 0.01  # physical and not constant
+    assert 0.9 < free[:, 0].max() <= 1.0
+
+
+def test_holds_what_was_observed_and_decided(env, policy, scenario, recording):
+    steps, seen = recording.num_steps, []
+    batch = ScenarioBatch.pack([scenario])
+    evaluate(env, policy, batch, on_step=lambda stepped: seen.append(stepped.clone()))
+    for t in (0, steps - 1):
+        before, after = seen[t][0], seen[t]["next"][0]
+        for name in (keys.RANGES, keys.POINTS, keys.ALIGNED_POINTS, keys.TAGD, keys.TAGD_VALID):
+            assert np.array_equal(getattr(recording, name)[t], before[name].numpy())
+            assert np.array_equal(getattr(recording, name)[t + 1], after[name].numpy())
+        weights = recording.spatial_attention[t], recording.temporal_attention[t]
+        assert np.array_equal(weights[0], before[keys.SPATIAL_ATTENTION].numpy())
+        assert np.array_equal(weights[1], before[keys.TEMPORAL_ATTENTION].numpy())
+        total = sum(term[t] for term in recording.reward_terms.values())
+        assert total == pytest.approx(float(after["reward"]), abs=1e-5)
+
+
+def test_survives_the_disk(tmp_path, recording, scenario):
+    file = tmp_path / "episode.npz"
+    recording.save(file)
+    loaded = Recording.load(file)
+    for name, value in vars(recording).items():
+        other = getattr(loaded, name)
+        if isinstance(value, np.ndarray):
+            assert value.dtype == other.dtype
+            assert np.array_equal(value, other, equal_nan=value.dtype.kind == "f")
+        elif name != keys.REWARD_TERMS:
+            assert other == value
+            assert type(other) is type(value)
+    assert recording.reward_terms.keys() == loaded.reward_terms.keys()
+    for name, term in recording.reward_terms.items():
+        assert np.array_equal(term, loaded.reward_terms[name])
+    again = Scenario.from_json(loaded.scenario)
+    assert again.to_json() == scenario.to_json()
+
+
+def test_what_a_policy_does_not_make_is_none(tmp_path, env, scenario):
+    plain = record_episode(env, PurePursuit(env.base_env.simulator.robot), scenario)
+    plain.save(tmp_path / "plain.npz")
+    loaded = Recording.load(tmp_path / "plain.npz")
+    assert loaded.spatial_attention is None
+    assert loaded.temporal_attention is None
+    assert loaded.tagd is not None
+
+
+def test_other_worlds_going_on_add_nothing(env, policy, scenario, recording):
+    recorder = EpisodeRecorder(env, scenario)
+
+    def twice(stepped):
+        recorder(stepped)
+        if bool(stepped["next"]["done"][0]):
+            recorder(stepped)
+
+    evaluate(env, policy, ScenarioBatch.pack([scenario]), on_step=twice)
+    assert recorder.recording().num_steps == recording.num_steps
+
+
+def test_an_episode_that_raises_is_told(env, scenario):
+    def broken(_):
+        raise ZeroDivisionError("of the policy")
+
+    with pytest.raises(RuntimeError, match="of the policy"):
+        record_episode(env, broken, scenario)
+
+
+def test_nothing_comes_of_an_unfinished_episode(env, scenario):
+    with pytest.raises(ValueError, match="not ended"):
+        EpisodeRecorder(env, scenario).recording()
+
+
+def test_bad_shapes_and_files_are_named(tmp_path, recording):
+    with pytest.raises(ValueError, match="pose"):
+        dataclasses.replace(recording, pose=recording.pose[:-1])
+    with pytest.raises(ValueError, match="reward_terms/extra"):
+        dataclasses.replace(recording, reward_terms={"extra": np.zeros(1)})
+    with pytest.raises(ValueError, match=r"\.npz"):
+        recording.save(tmp_path / "episode.zip")
+    np.savez(tmp_path / "other.npz", a=np.zeros(1))
+    with pytest.raises(ValueError, match=r"other\.npz"):
+        Recording.load(tmp_path / "other.npz")
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(ValueError, match=r"text\.npz"):
+        Recording.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "pickled.npz", a=np.array([{}], dtype=object))
+    with pytest.raises(ValueError, match=r"pickled\.npz"):
+        Recording.load(tmp_path / "pickled.npz")
