@@ -219,19 +219,7 @@ class BatchedSimulator(Simulator):
 
 
 def _packed_walls(scenarios: ScenarioBatch) -> Tensor:
-    """Return [M, W, 6] (cx, cy, hx, hy, cos yaw, sin yaw).
-
-    Raises:
-        ValueError: a wall that counts is not finite or has a negative size.
-    """
+    """Return [M, W, 6] (cx, cy, hx, hy, cos yaw, sin yaw)."""
     boxes = scenarios.boxes.double()
-    counts = torch.arange(boxes.shape[1]) < scenarios.num_boxes[:, None]
-    bad = counts & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))
-    if bool(bad.any()):
-        row, wall = bad.nonzero()[0].tolist()
-        raise ValueError(
-            f"wall {wall} of scenario {row} must be finite with half sizes >= 0, "
-            f"got {boxes[row, wall].tolist()}"
-        )
     yaw = boxes[..., 4:5]
     return torch.cat((boxes[..., :4], torch.cos(yaw), torch.sin(yaw)), dim=-1)

@@ -22,7 +22,7 @@ HEADROOM = 0.5  # m of obstacle above the scan plane
 ROBOT_HEIGHT = 0.42  # m, TurtleBot 2
 REACH = 1e-3  # m; bodies nearer than this are asked for their distance
 
-OBSTACLES, ROBOTS = 1, 2  # collision groups; rays are cast at obstacles alone
+STATIC_GROUP = 2  # PyBullet's collision group of bodies without mass, all that rays are cast at
 
 # A box of half sizes 1 as triangles. PyBullet's rays meet triangles exactly, but its own box shape
 # by an iteration that is up to a few centimetres off near edges and three times slower.
@@ -102,7 +102,6 @@ class Scene:
         visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=colour)
         body = self._body(shape, visual)
         client.changeDynamics(body, -1, collisionMargin=0.0)
-        client.setCollisionFilterGroupMask(body, -1, OBSTACLES, OBSTACLES | ROBOTS)
         return body
 
     def _robot_body(self) -> int:
@@ -123,9 +122,7 @@ class Scene:
             visualFramePositions=[[0.0, 0.0, part[2]] for part in parts],
             rgbaColors=[part[3] for part in parts],
         )
-        body = self._body(shape, visual)
-        client.setCollisionFilterGroupMask(body, -1, ROBOTS, OBSTACLES)
-        return body
+        return self._body(shape, visual, mass=1.0)  # no static body, so that rays pass it
 
     def _furnish(self, scenario: dict[str, Tensor]) -> None:
         """Add what is there for the eye alone: floor and goal."""
@@ -140,8 +137,8 @@ class Scene:
         self._move(self._body(-1, goal), *scenario["goal"].tolist(), 0.01)
         self._path = scenario["path"]
 
-    def _body(self, shape: int, visual: int) -> int:
-        body = self._client.createMultiBody(0, shape, visual)
+    def _body(self, shape: int, visual: int, mass: float = 0.0) -> int:
+        body = self._client.createMultiBody(mass, shape, visual)
         self.bodies.append(body)
         return body
 
@@ -187,7 +184,7 @@ class Scene:
         """Return the body that (x, y) lies in, -1 if none: what a ray from above meets."""
         top = self._floor + self._wall_height + HEADROOM
         hit = self._client.rayTest(
-            (x, y, top), (x, y, self._scan_height), collisionFilterMask=OBSTACLES
+            (x, y, top), (x, y, self._scan_height), collisionFilterMask=STATIC_GROUP
         )
         return hit[0][0]
 
@@ -205,12 +202,12 @@ class Scene:
         ends[:, 0] = x + reach * (cos * beam_cos - sin * beam_sin)
         ends[:, 1] = y + reach * (sin * beam_cos + cos * beam_sin)
         ends[:, 2] = self._scan_height
-        start, most = (x, y, self._scan_height), self._client.MAX_RAY_INTERSECTION_BATCH_SIZE
-        fractions = []
+        start, most = (x, y, self._scan_height), self._client.MAX_RAY_INTERSECTION_BATCH_SIZE // 2
+        fractions = []  # (half of what is allowed: a full batch comes back short of a ray)
         for first in range(0, len(ends), most):
             chunk = ends[first : first + most].tolist()
             hits = self._client.rayTestBatch(
-                [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=OBSTACLES
+                [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=STATIC_GROUP
             )
             fractions += [hit[2] for hit in hits]  # exactly 1 where nothing is hit
         return (np.array(fractions) * reach).astype(np.float32)

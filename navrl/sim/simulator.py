@@ -95,8 +95,8 @@ class Simulator(ABC):
             scenarios: M scenarios with at most ``max_pedestrians`` pedestrians each.
 
         Raises:
-            ValueError: lengths differ, an index is out of range or repeated, or a scenario has
-                more pedestrians than ``max_pedestrians``.
+            ValueError: lengths differ, an index is out of range or repeated, a scenario has more
+                pedestrians than ``max_pedestrians``, or a wall of it is impossible.
         """
 
     @abstractmethod
@@ -151,6 +151,7 @@ class Simulator(ABC):
             )
         if not bool(torch.isfinite(scenarios.start).all()):
             raise ValueError("scenarios.start must be finite")
+        check_walls(scenarios.boxes, scenarios.num_boxes)
 
     def check_command(self, command: Tensor) -> None:
         """Raise the ``ValueError`` that :meth:`step` promises."""
@@ -164,3 +165,19 @@ class Simulator(ABC):
     def close(self) -> None:
         """Release what the simulator holds outside Python; a closed simulator is not used again."""
         return
+
+
+def check_walls(boxes: Tensor, num_boxes: Tensor) -> None:
+    """Raise if a wall among the leading ``num_boxes`` [M] of ``boxes`` [M, W, 5] is impossible.
+
+    Raises:
+        ValueError: it is not finite or has a negative size.
+    """
+    counts = torch.arange(boxes.shape[1]) < num_boxes[:, None]
+    bad = counts & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))
+    if bool(bad.any()):
+        row, wall = bad.nonzero()[0].tolist()
+        raise ValueError(
+            f"wall {wall} of scenario {row} must be finite with half sizes >= 0, "
+            f"got {boxes[row, wall].tolist()}"
+        )

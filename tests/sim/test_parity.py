@@ -1,0 +1,149 @@
+"""The batched simulator and PyBullet play the same episodes.
+
+Three pieces of geometry are written twice, by navrl and by PyBullet: what a beam meets, whether the
+disc touches a box, and where. All of it is compared at every step of every episode, through partial
+resets, for drivers who meet walls and people.
+"""
+
+from dataclasses import dataclass, field
+
+import pytest
+import torch
+from episodes import Drivers, sample
+
+from navrl.ops import se2
+from navrl.sim import BatchedSimulator, Contact, DifferentialDrive, Lidar
+from navrl.worlds import ScenarioBatch
+
+pytest.importorskip("pybullet")
+from navrl.sim import BulletSimulator
+
+KINDS = ("corridor", "intersection", "office", "clutter")
+MODELS = ("kinematic", "wheeled")
+RANGE_BOUND = 1e-3  # m
+POSE_BOUND = 1e-4  # m and rad
+EDGE = 1e-3  # m; a beam that passes an edge this close may go to either side of it
+
+
+@dataclass
+class Tally:
+    """What a comparison came to."""
+
+    episodes: int
+    beams: int = 0
+    differing: int = 0  # beams beyond the bound, each of which grazes an edge
+    worst_range: float = 0.0  # m, of the other beams
+    worst_pose: float = 0.0  # m or rad
+    contacts: list[int] = field(default_factory=lambda: [0] * len(Contact))
+
+
+def play_on_both(scenarios, robot=None, lidar=None, num_worlds=12, max_steps=40, **options):
+    """Play each scenario on both simulators, compare after every step, and return the tally.
+
+    An episode ends after ``max_steps``, or within eight steps of its contact, in which nothing may
+    move. Worlds are reset to the next scenarios one by one.
+    """
+    robot, lidar = robot or DifferentialDrive(), lidar or Lidar(noise="none")
+    waiting, tally = list(scenarios), Tally(episodes=len(scenarios))
+    num_worlds = min(num_worlds, len(waiting))
+    drivers = Drivers(num_worlds, seed=len(waiting))
+    playing = [waiting[0]] * num_worlds
+    age, path = torch.full((num_worlds,), max_steps), torch.zeros(num_worlds, 200, 2)
+    fast = BatchedSimulator(num_worlds, robot, lidar, **options)
+    with BulletSimulator(num_worlds, robot, lidar, **options) as checked:
+        while True:
+            ended = (age >= max_steps) | ((fast.state().contact != 0) & (age % 8 == 7))
+            if bool(ended.all()) and not waiting:
+                return tally
+            worlds = ended.nonzero().flatten()[: len(waiting)]
+            if len(worlds):
+                for world in worlds.tolist():
+                    playing[world] = waiting.pop()
+                batch = ScenarioBatch.pack([playing[world] for world in worlds])
+                fast.reset(worlds, batch)
+                checked.reset(worlds, batch)
+                path[worlds], age[worlds] = batch.path, 0
+                drivers.change(worlds)
+            compare_ranges(tally, fast, checked, playing)
+            free = fast.state().contact == 0
+            command = drivers.command(fast.state().pose, path)
+            compare_states(tally, fast.step(command), checked.step(command))
+            for contact in fast.state().contact[free].tolist():
+                tally.contacts[contact] += 1
+            age += 1
+
+
+def compare_states(tally, fast, checked):
+    """Same contact in the same substep, at the same place."""
+    assert fast.contact.tolist() == checked.contact.tolist()
+    assert torch.equal(fast.time_s, checked.time_s)
+    for name in ("pose", "velocity", "pedestrians"):
+        got, wanted = getattr(fast, name), getattr(checked, name)
+        torch.testing.assert_close(got, wanted, atol=POSE_BOUND, rtol=0, equal_nan=True)
+    tally.worst_pose = max(tally.worst_pose, (fast.pose - checked.pose).abs().max().item())
+
+
+def compare_ranges(tally, fast, checked, playing):
+    """Same ranges but for beams that graze an edge."""
+    ranges, wanted = fast.ranges(), checked.ranges()
+    error = (ranges - wanted).abs()
+    differs = error > RANGE_BOUND
+    for world, beam in differs.nonzero().tolist():
+        seen = min(ranges[world, beam].item(), wanted[world, beam].item())
+        assert clearance_of_corners(fast, playing[world], world, beam, seen) < EDGE, (
+            f"beam {beam} of world {world} grazes no edge, but reads {ranges[world, beam]:.4f} m "
+            f"in the batched simulator and {wanted[world, beam]:.4f} m in PyBullet"
+        )
+    tally.beams += error.numel()
+    tally.differing += int(differs.sum())
+    tally.worst_range = max(tally.worst_range, error[~differs].max().item())
+
+
+def clearance_of_corners(simulator, scenario, world, beam, distance):
+    """Return how far a beam passes from the nearest corner of a box up to ``distance``, m."""
+    state, lidar = simulator.state(), simulator.lidar
+    walls = torch.tensor(scenario.boxes, dtype=torch.float64)
+    boxes = torch.cat((walls, state.pedestrians[world].double()))
+    signs = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]).double()
+    corners = signs * boxes[:, None, 2:4]  # [boxes, 4, 2], each in its box's frame
+    corners = se2.transform_points(boxes[:, [0, 1, 4]], corners).flatten(0, 1)
+    mount = torch.tensor([*lidar.mount], dtype=torch.float64)
+    turn = torch.stack((torch.tensor(0.0), torch.tensor(0.0), lidar.beam_angles()[beam])).double()
+    ray = se2.compose(se2.compose(state.pose[world].double(), mount), turn)
+    along, across = se2.transform_points(se2.inverse(ray), corners).unbind(-1)
+    met = (along > 0.0) & (along < distance + EDGE)
+    return across[met].abs().min().item()
+
+
+def check_variety(tally):
+    """The episodes must have been worth comparing."""
+    assert tally.contacts[Contact.STATIC] >= tally.episodes / 10
+    assert tally.contacts[Contact.PEDESTRIAN] >= tally.episodes / 20
+    assert tally.contacts[Contact.RUN_INTO] >= tally.episodes / 20
+    assert tally.differing <= 5e-4 * tally.beams
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_same_episodes(model):
+    scenarios = [sample(kind, index) for kind in KINDS for index in range(8)]
+    tally = play_on_both(scenarios, DifferentialDrive(model=model))
+    check_variety(tally)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_same_hundreds_of_episodes(kind):
+    scenarios = [sample(kind, index) for index in range(75)]
+    for model in MODELS:
+        tally = play_on_both(scenarios, DifferentialDrive(model=model), max_steps=80)
+        print(kind, model, tally)
+        assert tally.differing <= 5e-4 * tally.beams
+
+
+def test_same_with_another_robot_and_lidar():
+    """A backing robot, a turned lidar outside of its hull and above the usual walls, few beams."""
+    robot = DifferentialDrive(radius=0.3, min_speed=-0.5, max_speed=1.5, model="wheeled")
+    lidar = Lidar(num_beams=181, max_range=6.0, mount=(0.35, -0.1, 2.0), height=1.5, noise="none")
+    scenarios = [sample("clutter", 1000 + index) for index in range(16)]
+    tally = play_on_both(scenarios, robot, lidar, time_step_s=0.1, substeps=4)
+    assert sum(tally.contacts[1:]) > 4
