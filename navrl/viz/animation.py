@@ -1,0 +1,239 @@
+"""A recorded episode as a still, as a strip of moments, and as a moving picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrow
+from PIL import Image
+
+from navrl.evaluation.recording import Recording
+from navrl.viz.scene import (
+    ATTENTIONS,
+    ArrowHandle,
+    attention_scale,
+    closest_step,
+    draw_scene,
+    legend_handles,
+    scene_limits,
+)
+from navrl.viz.style import BLUE, GREY, VERMILLION, save_figure, style
+
+_OUTCOMES = {
+    "success": "goal reached",
+    "collision_pedestrian": "collision with a pedestrian",
+    "collision_static": "collision with a wall",
+    "timeout": "time is up",
+}
+_GIF_INCHES, _GIF_DPI = 4.8, 100  # 480 px wide
+_GIF_COLORS = 96
+_HOLD_S = 1.6  # s for which the last frame stays
+
+
+def save_png(recording: Recording, file: str | Path, step: int | None = None) -> Path:
+    """Draw one moment: spatial attention, temporal attention, and all commands.
+
+    Args:
+        recording: The episode.
+        file: ``.png``, or ``.svg`` or ``.pdf`` for print.
+        step: Decision to show, 0 to T - 1; T is the end. The one nearest to a pedestrian if
+            ``None``.
+
+    Returns:
+        The file.
+
+    Raises:
+        ValueError: If the step or the suffix is none of the above.
+    """
+    step = closest_step(recording) if step is None else step
+    width, height, stacked = _panel_size(recording)
+    with style():
+        rows, columns = (2, 1) if stacked else (1, 2)
+        size = (columns * width + 0.6, rows * height + 2.1)
+        figure = Figure(size, layout="constrained")
+        scenes, below = figure.subfigures(2, 1, height_ratios=[size[1] - 1.5, 1.5])
+        for axes, name in zip(scenes.subplots(rows, columns).flat, ATTENTIONS, strict=True):
+            draw_scene(axes, recording, step, [name])
+            axes.set_title(f"{name} attention")
+            _color_bar(scenes, axes, recording, name, "bottom" if not stacked else "right")
+        _legend(scenes, recording, columns=4 if stacked else 7)
+        figure.suptitle(_headline(recording, step), fontsize=10)
+        _draw_commands(below.subplots(), recording, step)
+        return save_figure(figure, file)
+
+
+def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
+    """Draw an episode as moments at even distances in time, the first and the last included.
+
+    Args:
+        recording: The episode.
+        file: ``.png``, ``.svg`` or ``.pdf``.
+        count: Number of moments, at least 2.
+
+    Returns:
+        The file.
+
+    Raises:
+        ValueError: If ``count`` is too small or the suffix is none of the above.
+    """
+    if count < 2:
+        raise ValueError(f"count={count}: must be at least 2")
+    steps = np.unique(np.linspace(0, recording.num_steps, count).round().astype(int))
+    width, height, stacked = _panel_size(recording)
+    columns = min(2 if stacked else 3, len(steps))
+    rows = -(-len(steps) // columns)
+    with style():
+        figure = Figure((columns * width * 0.7 + 0.3, rows * height * 0.7 + 0.8), layout="constrained")
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, step in zip(panels.flat, steps, strict=False):
+            draw_scene(axes, recording, int(step), descriptors=False)
+            axes.set_title(f"t = {step * recording.time_step_s:.1f} s")
+            axes.label_outer()
+        for axes in panels.flat[len(steps) :]:
+            axes.set_visible(False)
+        _legend(figure, recording, columns=6, attention=(), descriptors=False)
+        figure.suptitle(_OUTCOMES.get(recording.outcome, recording.outcome), fontsize=10)
+        return save_figure(figure, file)
+
+
+def save_gif(recording: Recording, file: str | Path, fps: float | None = None) -> Path:
+    """Draw an episode as a moving picture about 480 px wide.
+
+    Args:
+        recording: The episode.
+        file: ``.gif``.
+        fps: Frames, which are steps, a second; as fast as it was if ``None``.
+
+    Returns:
+        The file.
+
+    Raises:
+        ValueError: If ``fps`` is not within 0 to 50, or the suffix is not ``.gif``.
+    """
+    file, fps = Path(file), 1.0 / recording.time_step_s if fps is None else fps
+    if file.suffix != ".gif":
+        raise ValueError(f"file={file}: must end in .gif")
+    if not 0 < fps <= 50:
+        raise ValueError(f"fps={fps}: must be above 0 and at most 50")
+    frames = [Image.fromarray(frame) for frame in render_frames(recording)]
+    palette = _shared_palette(frames)
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    duration = [round(1000 / fps)] * len(frames)
+    duration[-1] = round(1000 * _HOLD_S)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    frames[0].save(
+        file, save_all=True, append_images=frames[1:], duration=duration, loop=0, optimize=False
+    )
+    return file
+
+
+def render_frames(recording: Recording) -> Iterator[np.ndarray]:
+    """Yield a picture ``[H, W, 3]`` uint8 of each of the T + 1 moments, all of one size."""
+    (left, right), (bottom, top) = scene_limits(recording)
+    scene_height = min(max((_GIF_INCHES - 0.6) * (top - bottom) / (right - left), 1.6), 5.0)
+    with style():
+        figure = Figure((_GIF_INCHES, scene_height + 2.4), dpi=_GIF_DPI, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        scenes, below = figure.subfigures(2, 1, height_ratios=[scene_height + 1.2, 1.2])
+        scene, commands = scenes.subplots(), below.subplots()
+        _legend(scenes, recording, columns=3)
+        _draw_commands(commands, recording, None)
+        now = commands.axvline(0.0, color=GREY, linewidth=1.0)
+        for step in range(recording.num_steps + 1):
+            scene.clear()
+            draw_scene(scene, recording, step, list(ATTENTIONS))
+            scene.set_title(_headline(recording, step))
+            now.set_xdata([step * recording.time_step_s] * 2)
+            canvas.draw()
+            figure.set_layout_engine("none")  # what is laid out once stays in place
+            yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+# --- parts ---------------------------------------------------------------------------------------
+
+
+def _panel_size(recording: Recording) -> tuple[float, float, bool]:
+    """Return width and height of a scene in inches, and whether scenes go on top of each other."""
+    (left, right), (bottom, top) = scene_limits(recording)
+    ratio = (top - bottom) / (right - left)
+    if ratio < 0.6:
+        return 6.4, 6.4 * ratio + 0.5, True
+    return 4.4, min(4.4 * ratio, 7.0) + 0.5, False
+
+
+def _headline(recording: Recording, step: int) -> str:
+    text = f"t = {step * recording.time_step_s:.1f} s"
+    if step == recording.num_steps:
+        text += f", {_OUTCOMES.get(recording.outcome, recording.outcome)}"
+    return text
+
+
+def _legend(
+    figure: Figure,
+    recording: Recording,
+    columns: int,
+    attention: tuple[str, ...] = tuple(ATTENTIONS),
+    descriptors: bool = True,
+) -> None:
+    figure.legend(
+        handles=legend_handles(recording, attention, descriptors),
+        handler_map={FancyArrow: ArrowHandle()},
+        loc="outside lower center",
+        ncols=columns,
+        columnspacing=1.2,
+    )
+
+
+def _color_bar(figure: Figure, axes: Axes, recording: Recording, name: str, location: str) -> None:
+    scale = attention_scale(recording, name)
+    if scale is None:
+        axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    bar = figure.colorbar(
+        ScalarMappable(scale, ATTENTIONS[name]),
+        ax=axes,
+        location=location,
+        extend="max",
+        shrink=0.8,
+        aspect=30,
+        pad=0.02,
+    )
+    bar.set_label("weight, all sum to 1")
+
+
+def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
+    """Draw v and w over time, each held for its step, on an axis of its own."""
+    edges = np.arange(recording.num_steps + 1) * recording.time_step_s
+    turn = axes.twinx()
+    turn.grid(False)
+    turn.spines["right"].set_visible(True)
+    speeds = recording.action.T
+    for side, values, color, label in (
+        (axes, speeds[0], BLUE, "v in m/s"),
+        (turn, speeds[1], VERMILLION, "w in rad/s"),
+    ):
+        side.stairs(values, edges, baseline=None, color=color, linewidth=1.2)
+        side.set_ylabel(label, color=color)
+        side.tick_params(axis="y", colors=color)
+    limit = max(1.0, float(np.abs(speeds[1]).max()))
+    axes.set(xlabel="time in s", xlim=(0.0, edges[-1]))
+    axes.set_ylim(min(0.0, float(speeds[0].min())) - 0.05, max(1.0, float(speeds[0].max())) + 0.05)
+    turn.set_ylim(-1.1 * limit, 1.1 * limit)
+    if step is not None:
+        axes.axvline(step * recording.time_step_s, color=GREY, linewidth=1.0)
+
+
+def _shared_palette(frames: list[Image.Image]) -> Image.Image:
+    """Return a palette for all frames, so that nothing flickers and little changes between them."""
+    chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, 4).astype(int))]
+    width, height = frames[0].size
+    sheet = Image.new("RGB", (width, height * len(chosen)))
+    for row, frame in enumerate(chosen):
+        sheet.paste(frame, (0, row * height))
+    return sheet.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT)

@@ -1,0 +1,305 @@
+"""One step of a recorded episode, drawn to scale from above."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.legend_handler import HandlerPatch
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyArrow, Patch, Polygon, Rectangle
+
+from navrl.evaluation.recording import Recording
+from navrl.viz.style import (
+    BLACK,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SPATIAL_COLORS,
+    TEMPORAL_COLORS,
+)
+
+SPATIAL, TEMPORAL = "spatial", "temporal"
+ATTENTIONS = {SPATIAL: SPATIAL_COLORS, TEMPORAL: TEMPORAL_COLORS}
+TRAIL_S = 2.0  # s of the past that trails show
+VELOCITY_AHEAD_S = 1.0  # s; a velocity arrow ends where its pedestrian will then be
+_MARGIN_M = 0.15
+_MOVING_M_S = 0.05  # slower is drawn as standing
+
+
+def draw_scene(
+    axes: Axes,
+    recording: Recording,
+    step: int,
+    attention: Sequence[str] = (),
+    descriptors: bool = True,
+) -> None:
+    """Draw what there was and what the robot saw before it decided on a step.
+
+    Walls, global path and goal, the robot and the way it came, pedestrians with trails and
+    velocities, the lidar's points, the motion c_{t-1} to c_t that each descriptor claims, and
+    attention: blue on the sectors of the scan, red on rays to the descriptors.
+
+    Args:
+        axes: Where to draw; becomes metric with equal axes.
+        recording: The episode.
+        step: 0 to T; T is the end, after which nothing was decided and no attention is drawn.
+        attention: Any of ``"spatial"`` and ``"temporal"``; what was not recorded is left out.
+        descriptors: Whether to draw the TAGDs.
+
+    Raises:
+        ValueError: If ``step`` or ``attention`` is none of the above.
+
+    Reference:
+        Paper, figure of a scene with spatial (blue) and temporal attention (red).
+    """
+    if not 0 <= step <= recording.num_steps:
+        raise ValueError(f"step={step}: must be between 0 and {recording.num_steps}")
+    unknown = [name for name in attention if name not in ATTENTIONS]
+    if unknown:
+        raise ValueError(f"attention={unknown[0]!r}: must be one of {', '.join(ATTENTIONS)}")
+    _frame(axes, recording)
+    if SPATIAL in attention:
+        _draw_spatial_attention(axes, recording, step)
+    _draw_map(axes, recording)
+    if TEMPORAL in attention:
+        _draw_temporal_attention(axes, recording, step)
+    _draw_scan(axes, recording, step)
+    _draw_pedestrians(axes, recording, step)
+    _draw_robot(axes, recording, step)
+    if descriptors:
+        _draw_descriptors(axes, recording, step)
+
+
+def attention_scale(recording: Recording, name: str) -> Normalize | None:
+    """Return the colour scale that all steps of an episode share.
+
+    It ends at the median of the steps' largest weights, so that neither one extreme step makes all
+    others pale nor two steps look alike that are not.
+
+    Args:
+        recording: The episode.
+        name: ``"spatial"`` or ``"temporal"``.
+
+    Returns:
+        The scale, or ``None`` if that attention was not recorded.
+    """
+    weights = getattr(recording, f"{name}_attention")
+    return None if weights is None else Normalize(0.0, float(np.median(weights.max(axis=1))))
+
+
+def scene_limits(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the x and y limits in m that show all walls, the path and the way driven."""
+    corners = [_box_corners(box) for box in recording.walls]
+    points = np.concatenate([*corners, recording.path, recording.pose[:, :2], [recording.goal]])
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+
+def closest_step(recording: Recording) -> int:
+    """Return the decision at which the robot was nearest to a pedestrian; halfway without any."""
+    offsets = recording.pedestrian_boxes[:-1, :, :2] - recording.pose[:-1, None, :2]
+    distance = np.linalg.norm(offsets, axis=-1)
+    if np.isnan(distance).all():
+        return recording.num_steps // 2
+    return int(np.nanargmin(distance) // distance.shape[1])
+
+
+def legend_handles(
+    recording: Recording, attention: Sequence[str] = (), descriptors: bool = True
+) -> list[Line2D | Patch]:
+    """Return an entry for each thing that :func:`draw_scene` draws."""
+    handles = [
+        Line2D([], [], color=GREY, linestyle="--", linewidth=1.0, label="global path"),
+        Patch(facecolor="none", edgecolor=GREEN, linewidth=1.2, label="goal"),
+        Patch(facecolor=PURPLE, edgecolor=BLACK, linewidth=0.6, label="robot and its way"),
+        Patch(facecolor=ORANGE, edgecolor=BLACK, linewidth=0.6, label="pedestrian, past 2 s"),
+        FancyArrow(0, 0, 1, 0, color=ORANGE, label="velocity, 1 s ahead"),
+        Line2D([], [], color=BLACK, linestyle="", marker=".", markersize=3, label="lidar point"),
+    ]
+    if descriptors and recording.tagd is not None:
+        handles.append(FancyArrow(0, 0, 1, 0, color=GREEN, label="TAGD, $c_{t-1}$ to $c_t$"))
+    if SPATIAL in attention and recording.spatial_attention is not None:
+        handles.append(Patch(color=SPATIAL_COLORS(0.7), label="spatial attention"))
+    if TEMPORAL in attention and recording.temporal_attention is not None:
+        color = TEMPORAL_COLORS(0.6)
+        handles.append(Line2D([], [], color=color, linewidth=2, label="temporal attention"))
+    return handles
+
+
+class ArrowHandle(HandlerPatch):
+    """Draws an arrow in a legend."""
+
+    def create_artists(self, legend, handle, x, y, width, height, fontsize, transform):
+        """Return the arrow that stands for ``handle``."""
+        arrow = FancyArrow(
+            x,
+            y + height / 2,
+            width,
+            0,
+            length_includes_head=True,
+            head_width=height * 0.8,
+            head_length=height * 0.8,
+            width=height * 0.15,
+        )
+        self.update_prop(arrow, handle, legend)
+        arrow.set_transform(transform)
+        return [arrow]
+
+
+# --- layers, from the lowest ---------------------------------------------------------------------
+
+
+def _frame(axes: Axes, recording: Recording) -> None:
+    x, y = scene_limits(recording)
+    axes.set(xlim=x, ylim=y, xlabel="x in m", ylabel="y in m")
+    axes.set_aspect("equal")
+
+
+def _draw_map(axes: Axes, recording: Recording) -> None:
+    walls = [_box_corners(box) for box in recording.walls]
+    axes.add_collection(PolyCollection(walls, facecolors="#4D4D4D", zorder=2))
+    axes.plot(*recording.path.T, color=GREY, linestyle="--", linewidth=1.0, zorder=2.1)
+    goal = Circle(recording.goal, recording.goal_radius, fill=False, edgecolor=GREEN)
+    goal.set(linewidth=1.2, zorder=2.2)
+    axes.add_patch(goal)
+
+
+def _draw_spatial_attention(axes: Axes, recording: Recording, step: int) -> None:
+    if recording.spatial_attention is None or step == recording.num_steps:
+        return
+    weights = recording.spatial_attention[step]
+    ranges, pose = recording.ranges[step], recording.pose[step]
+    edges = np.linspace(0, len(ranges), len(weights) + 1).round().astype(int)
+    sectors = []
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        # The sector's last beam is drawn up to the border, so that neighbours leave no gap.
+        angle = 2 * np.pi * np.append(np.arange(first, last), last) / len(ranges)
+        radius = np.append(ranges[first:last], ranges[last - 1])
+        rim = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        sectors.append(_to_world(pose, np.concatenate([np.zeros((1, 2)), rim])))
+    axes.add_collection(
+        PolyCollection(
+            sectors,
+            array=weights,
+            cmap=SPATIAL_COLORS,
+            norm=attention_scale(recording, SPATIAL),
+            alpha=0.85,
+            linewidths=0,
+            zorder=1.5,
+        )
+    )
+
+
+def _draw_temporal_attention(axes: Axes, recording: Recording, step: int) -> None:
+    weights, tagd = recording.temporal_attention, recording.tagd
+    if weights is None or tagd is None or step == recording.num_steps:
+        return
+    pose, scale = recording.pose[step], attention_scale(recording, TEMPORAL)
+    ends = _to_world(pose, tagd[step, :, 2:])
+    order = np.argsort(weights[step])  # the strongest on top
+    rays = np.stack([np.broadcast_to(pose[:2], ends.shape), ends], axis=1)[order]
+    share = np.clip(scale(weights[step][order]), 0.0, 1.0)
+    axes.add_collection(
+        LineCollection(
+            rays,
+            array=weights[step][order],
+            cmap=TEMPORAL_COLORS,
+            norm=scale,
+            linewidths=0.6 + 2.0 * share,
+            capstyle="round",
+            zorder=2.5,
+        )
+    )
+
+
+def _draw_scan(axes: Axes, recording: Recording, step: int) -> None:
+    points = recording.points
+    if points is None:
+        ranges = recording.ranges[step]
+        angle = 2 * np.pi * np.arange(len(ranges)) / len(ranges)
+        local = ranges[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    else:
+        local = points[step]
+    returned = np.linalg.norm(local, axis=-1) < recording.max_range - 1e-3
+    world = _to_world(recording.pose[step], local[returned])
+    axes.plot(*world.T, ".", color=BLACK, markersize=1.8, zorder=4)
+
+
+def _draw_pedestrians(axes: Axes, recording: Recording, step: int) -> None:
+    boxes = recording.pedestrian_boxes
+    first = max(0, step - round(TRAIL_S / recording.time_step_s))
+    nearby = slice(step - 1, step + 1) if step > 0 else slice(0, 2)
+    velocity = np.diff(boxes[nearby, :, :2], axis=0)[0] / recording.time_step_s
+    present = np.isfinite(boxes[step, :, 0])
+    moving = present & (np.linalg.norm(velocity, axis=-1) > _MOVING_M_S)
+    for k in np.flatnonzero(moving):
+        axes.plot(*boxes[first : step + 1, k, :2].T, color=ORANGE, linewidth=1.2, zorder=3)
+    patches = [
+        Rectangle(
+            (cx - hx, cy - hy), 2 * hx, 2 * hy, angle=np.degrees(yaw), rotation_point="center"
+        )
+        for cx, cy, hx, hy, yaw in boxes[step, present]
+    ]
+    axes.add_collection(
+        PatchCollection(patches, facecolor=ORANGE, edgecolor=BLACK, linewidth=0.6, zorder=3.1)
+    )
+    _arrows(axes, boxes[step, moving, :2], velocity[moving] * VELOCITY_AHEAD_S, ORANGE, 3.2)
+
+
+def _draw_robot(axes: Axes, recording: Recording, step: int) -> None:
+    x, y, yaw = recording.pose[step]
+    radius = recording.robot_radius
+    axes.plot(*recording.pose[: step + 1, :2].T, color=PURPLE, linewidth=1.4, zorder=5)
+    disc = Circle((x, y), radius, facecolor=PURPLE, edgecolor=BLACK, linewidth=0.6, zorder=5.1)
+    axes.add_patch(disc)
+    nose = radius * np.array([[1.0, 0.0], [-0.5, 0.6], [-0.5, -0.6]])
+    heading = Polygon(_to_world((x, y, yaw), nose), facecolor=BLACK, linewidth=0, zorder=5.2)
+    axes.add_patch(heading)
+
+
+def _draw_descriptors(axes: Axes, recording: Recording, step: int) -> None:
+    if recording.tagd is None:
+        return
+    tagd, pose = recording.tagd[step], recording.pose[step]
+    if recording.tagd_valid is not None:  # a half that is filled in claims no motion
+        tagd = tagd[recording.tagd_valid[step].all(axis=-1)]
+    before, now = _to_world(pose, tagd[:, :2]), _to_world(pose, tagd[:, 2:])
+    _arrows(axes, before, now - before, GREEN, 6)
+
+
+def _arrows(axes: Axes, start: np.ndarray, vector: np.ndarray, color: str, zorder: float) -> None:
+    if len(start):
+        axes.quiver(
+            *start.T,
+            *vector.T,
+            color=color,
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            units="dots",
+            width=axes.figure.dpi * 1.1 / 72,
+            headwidth=4.5,
+            headlength=4.5,
+            headaxislength=4.0,
+            minlength=0.5,
+            zorder=zorder,
+        )
+
+
+# --- geometry ------------------------------------------------------------------------------------
+
+
+def _to_world(pose: Sequence[float], points: np.ndarray) -> np.ndarray:
+    x, y, yaw = pose
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + np.array([x, y])
+
+
+def _box_corners(box: np.ndarray) -> np.ndarray:
+    cx, cy, hx, hy, yaw = box
+    return _to_world((cx, cy, yaw), np.array([[hx, hy], [-hx, hy], [-hx, -hy], [hx, -hy]]))

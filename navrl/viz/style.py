@@ -1,0 +1,72 @@
+"""One look for all pictures: colours that colour-blind readers tell apart, fonts for print.
+
+Figures are made without pyplot, so that no display is needed and nobody's backend or settings
+change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+GREY = "#7F7F7F"
+CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+"""Okabe and Ito's palette; yellow is left out of lines, being too pale on white."""
+
+SPATIAL_COLORS = LinearSegmentedColormap.from_list("spatial", ["#FFFFFF", SKY, BLUE, "#00365A"])
+TEMPORAL_COLORS = LinearSegmentedColormap.from_list("temporal", ["#FFF1E8", VERMILLION, "#8A1C00"])
+
+_RC = {
+    "figure.dpi": 100,
+    "savefig.dpi": 200,
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.prop_cycle": matplotlib.cycler(color=CYCLE),
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "navrl",  # the same picture, the same file
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Use the look inside a ``with`` block only."""
+    with matplotlib.rc_context(_RC):
+        yield
+
+
+def save_figure(figure: Figure, file: str | Path) -> Path:
+    """Write a figure so that equal pictures give equal files.
+
+    Args:
+        figure: What to write.
+        file: Its suffix chooses the format; missing folders are made.
+
+    Raises:
+        ValueError: If the suffix is neither ``.png``, ``.svg`` nor ``.pdf``.
+    """
+    file = Path(file)
+    undated = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    if file.suffix not in undated:
+        raise ValueError(f"file={file}: must end in one of {', '.join(undated)}")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, metadata=undated[file.suffix])
+    return file
