@@ -64,25 +64,41 @@ def test_alignment_equals_torch_for_any_number_of_points(num_points):
     assert_same_alignment(scans, replace(PAPER, min_pairs=3))
 
 
-def test_alignment_equals_torch_for_near_surfaces_and_large_motions():
-    """Half a metre from a wall a step of 0.2 m leaves every window; nothing may be missed."""
+@pytest.mark.parametrize("scale", [0.1, 0.2, 1.0])
+def test_alignment_equals_torch_far_from_the_start(scale):
+    """Beside a wall a step moves bearings by more than any window; no neighbour may be missed."""
+    source, returns, target, target_returns = scan_pairs(seed=6)
     generator = torch.Generator().manual_seed(8)
-    for source, returns, target, target_returns in zip(
-        *(scan.split(1) for scan in scan_pairs(count=24, seed=6)), strict=True
-    ):
-        scale = 0.1 + 0.2 * torch.rand(1, generator=generator).item()
-        scans = [source * scale, returns, target * scale, target_returns]
-        assert_same_alignment(scans, replace(PAPER, gate=2.0))
-        assert_same_alignment(scans, replace(ROBUST, gate=0.2))
+    motion = 0.4 * torch.rand(len(source), 3, generator=generator) - 0.2
+    scans = [transform_points(motion, source * scale), returns, target * scale, target_returns]
+    assert_same_alignment(scans, replace(PAPER, gate=2.0))
+    assert_same_alignment(scans, replace(ROBUST, gate=0.1))
 
 
-def test_alignment_equals_torch_without_order():
-    """Points in any order, and scans of different lengths, take the way without windows."""
+@pytest.mark.parametrize("order", ["shuffled", "clockwise", "two rounds"])
+def test_alignment_equals_torch_without_order(order):
+    """Points in any other order, and scans of different lengths, are searched without windows."""
     source, returns, target, target_returns = scan_pairs(seed=7)
-    shuffled = torch.randperm(180, generator=torch.Generator().manual_seed(0))
-    scans = [source, returns, target[:, shuffled], target_returns[:, shuffled]]
+    index = {
+        "shuffled": torch.randperm(180, generator=torch.Generator().manual_seed(0)),
+        "clockwise": torch.arange(179, -1, -1),
+        "two rounds": torch.cat((torch.arange(0, 180, 2), torch.arange(1, 180, 2))),
+    }[order]
+    scans = [source, returns, target[:, index], target_returns[:, index]]
     assert_same_alignment(scans, PAPER)
-    assert_same_alignment([source[:, :90], returns[:, :90], target, target_returns], PAPER)
+    assert_same_alignment([source[:, :90], returns[:, :90], *scans[2:]], PAPER)
+
+
+def test_equally_good_rotations_are_chosen_as_in_torch():
+    """Two returns fit to both sides: the turn to the right is taken, as the torch form does."""
+    angle = torch.arange(180) * (2 * math.pi / 180)
+    points = torch.stack((angle.cos(), angle.sin()), -1)
+    seen, twice = torch.zeros(2, 180, dtype=torch.bool)
+    seen[[10, 60]], twice[[7, 13, 57, 63]] = True, True
+    scans = [points[None], seen[None], points[None], twice[None]]
+    options = replace(PAPER, initialization="rotation_search", gate=0.05, min_pairs=2)
+    result = assert_same_alignment(scans, options)
+    assert result.transform[0, 2] == pytest.approx(-3 * 2 * math.pi / 180)
 
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf, 0.0])

@@ -15,48 +15,53 @@ _TURN = 2.0 * math.pi
 
 
 @scalar
-def write_coordinates(points, returns, coordinates):
-    """Write x and y to ``coordinates`` [2, N]; return whether there is any return."""
+def write_rows(points, returns, rows):
+    """Write x, y and distance to ``rows`` [3, N]; return whether there is any return."""
     any_return = False
     for index in range(returns.shape[0]):
         is_return = returns[index]
+        x = points[index, 0] if is_return else _FAR
+        y = points[index, 1] if is_return else _FAR
+        rows[0, index], rows[1, index] = x, y
+        rows[2, index] = math.sqrt(x * x + y * y)
         any_return |= is_return
-        coordinates[0, index] = points[index, 0] if is_return else _FAR
-        coordinates[1, index] = points[index, 1] if is_return else _FAR
     return any_return
 
 
+@reordering_scalar
+def write_clipped(rows, ray_x, ray_y, cos_half_sector, max_range, clipped):
+    """Write each point's distance, capped at ``max_range`` and there outside of a ray's sector."""
+    x, y, distance = rows[0], rows[1], rows[2]
+    for index in range(clipped.shape[0]):
+        along = x[index] * ray_x + y[index] * ray_y
+        is_inside = (along >= cos_half_sector * distance[index]) & (distance[index] < max_range)
+        clipped[index] = distance[index] if is_inside else max_range
+
+
 @scalar
-def write_reaches(coordinates, max_range, reaches):
-    """Write the distance of the nearest return in each sector to ``reaches`` [N_c]."""
-    num_groups = reaches.shape[0]
-    reaches[:] = max_range
-    sector = _TURN / num_groups
-    half_sector = 0.5 * sector + SECTOR_TOLERANCE_RAD
-    for index in range(coordinates.shape[1]):
-        x, y = coordinates[0, index], coordinates[1, index]
-        if x == _FAR:
-            continue
-        bearing = math.atan2(y, x)
-        if bearing < 0.0:
-            bearing += _TURN
-        distance = math.sqrt(x * x + y * y)
-        low = int(bearing / sector)
-        for ray in (low, low + 1):
-            if abs(bearing - ray * sector) <= half_sector and distance < reaches[ray % num_groups]:
-                reaches[ray % num_groups] = distance
+def smallest(values):
+    """Return the smallest of positive numbers; see :mod:`navrl.ops.kernels.nearest` for the how."""
+    bits = values.view(np.int64)
+    result = bits[0]
+    for index in range(1, bits.shape[0]):
+        result = min(result, bits[index])
+    position = 0
+    while bits[position] != result:
+        position += 1
+    return values[position]
 
 
 @reordering_scalar
-def sum_members(x, y, center_x, center_y, radius_squared):
-    """Return how many points lie within the radius of the centre, and the sums of x and y."""
+def sum_members(rows, center_x, center_y, radius_squared):
+    """Return how many points lie within the radius, and the sums of their offsets."""
+    x, y = rows[0], rows[1]
     number, sum_x, sum_y = 0.0, 0.0, 0.0
     for index in range(x.shape[0]):
         dx, dy = x[index] - center_x, y[index] - center_y
-        is_member = dx * dx + dy * dy <= radius_squared
-        number += 1.0 if is_member else 0.0
-        sum_x += x[index] if is_member else 0.0
-        sum_y += y[index] if is_member else 0.0
+        weight = 1.0 if dx * dx + dy * dy <= radius_squared else 0.0
+        number += weight
+        sum_x += weight * dx
+        sum_y += weight * dy
     return number, sum_x, sum_y
 
 
@@ -70,27 +75,27 @@ def tagd_kernel(
     ``previous_fill`` is 0 for the current centroid, 1 for the group's centre, 2 for zeros.
     """
     num_groups = rays.shape[0]
+    cos_half_sector = math.cos(min(math.pi / num_groups + SECTOR_TOLERANCE_RAD, math.pi))
     for n in prange(points.shape[0]):
-        now = np.empty((2, points.shape[1]), dtype=np.float64)
-        before = np.empty((2, previous_points.shape[1]), dtype=np.float64)
-        reaches = np.empty(num_groups, dtype=np.float64)
-        has_now = write_coordinates(points[n], returns[n], now)
-        has_before = write_coordinates(previous_points[n], previous_returns[n], before)
-        write_reaches(now, max_range, reaches)
+        now, before = np.empty((3, points.shape[1])), np.empty((3, previous_points.shape[1]))
+        has_now = write_rows(points[n], returns[n], now)
+        has_before = write_rows(previous_points[n], previous_returns[n], before)
+        clipped = np.empty(points.shape[1])
         for group in range(num_groups):
-            gx, gy = reaches[group] * rays[group, 0], reaches[group] * rays[group, 1]
-            number, x, y = sum_members(now[0], now[1], gx, gy, radius * radius)
+            write_clipped(now, rays[group, 0], rays[group, 1], cos_half_sector, max_range, clipped)
+            reach = smallest(clipped)
+            gx, gy = reach * rays[group, 0], reach * rays[group, 1]
+            x, y = (gx, gy) if now_is_center else (0.0, 0.0)
+            number, sum_x, sum_y = sum_members(now, gx, gy, radius * radius)
             valid[n, group, 1] = number > 0.0
-            fill_x, fill_y = (gx, gy) if now_is_center else (0.0, 0.0)
-            x, y = (x / number, y / number) if number > 0.0 else (fill_x, fill_y)
-            number, old_x, old_y = sum_members(before[0], before[1], gx, gy, radius * radius)
+            if number > 0.0:
+                x, y = gx + sum_x / number, gy + sum_y / number
+            old_x, old_y = (x, y) if previous_fill == 0 else (0.0, 0.0)
+            old_x, old_y = (gx, gy) if previous_fill == 1 else (old_x, old_y)
+            number, sum_x, sum_y = sum_members(before, gx, gy, radius * radius)
             valid[n, group, 0] = number > 0.0
             if number > 0.0:
-                old_x, old_y = old_x / number, old_y / number
-            elif previous_fill == 0:
-                old_x, old_y = x, y
-            elif previous_fill == 1:
-                old_x, old_y = gx, gy
+                old_x, old_y = gx + sum_x / number, gy + sum_y / number
             descriptors[n, group, 0], descriptors[n, group, 1] = old_x, old_y
             descriptors[n, group, 2], descriptors[n, group, 3] = x, y
         if zero_without_returns and not (has_now or has_before):

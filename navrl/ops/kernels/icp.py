@@ -1,7 +1,9 @@
 """Scan alignment: :func:`navrl.ops.icp.align` for one pair of scans at a time.
 
 The same algorithm as the torch form, stage by stage; geometry in float64, candidates for nearest
-neighbours in float32 (:mod:`navrl.ops.kernels.nearest`).
+neighbours in float32 (:mod:`navrl.ops.kernels.nearest`). Loops over points have no branches and
+read one row after the other, so that the compiler makes vector instructions of them: a condition is
+a weight of 0 or 1, and what a pair needs from its partner is gathered first.
 """
 
 import math
@@ -9,101 +11,116 @@ import math
 import numpy as np
 import torch
 from numba import prange
+from torch import Tensor
 
-from navrl.ops.icp import DAMPING, SLIDE_WEIGHT
+from navrl.ops.icp import DAMPING, SLIDE_WEIGHT, IcpOptions
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
-from navrl.ops.kernels.nearest import FAR, find_nearest, is_ordered, unroll
-from navrl.ops.lines import HALF_WINDOW, MAX_THICKNESS, MIN_POINTS, REACH_M
+from navrl.ops.kernels.lines import fit_lines
+from navrl.ops.kernels.nearest import FAR, find_nearest, is_ordered, repeat, unroll
 from navrl.ops.rotation_search import PROFILE_CAP_M
 
 _CAP = np.float32(PROFILE_CAP_M)
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 _TURN = 2.0 * math.pi
 
 
-@reordering_scalar
-def profile_cost(source, target, first):
-    """Return the mean capped difference of two range profiles, the target's from ``first`` on."""
-    total, seen = np.float32(0.0), np.float32(0.0)
-    for index in range(source.shape[0]):
-        a, b = source[index], target[first + index]
-        total += min(abs(a - b), _CAP)
-        seen += np.float32(1.0) if min(a, b) < FAR else np.float32(0.0)
-    return total / max(seen, np.float32(1.0))
+@scalar
+def write_rows(points, returns, rows):
+    """Write x, y and the weight, 1 for a return and 0 for none, to ``rows`` [3, N]."""
+    for index in range(returns.shape[0]):
+        is_return = returns[index]
+        rows[0, index] = points[index, 0] if is_return else 0.0
+        rows[1, index] = points[index, 1] if is_return else 0.0
+        rows[2, index] = 1.0 if is_return else 0.0
 
 
 @scalar
-def write_profile(points, returns, profile):
+def write_profile(rows, profile):
     """Write ranges to ``profile``, in as many rounds as it holds; FAR where nothing was seen."""
-    count = returns.shape[0]
+    count = rows.shape[1]
     for index in range(count):
-        x, y = points[index, 0], points[index, 1]
-        profile[index] = math.sqrt(x * x + y * y) if returns[index] else FAR
+        x, y = rows[0, index], rows[1, index]
+        profile[index] = math.sqrt(x * x + y * y) + (1.0 - rows[2, index]) * FAR
     for column in range(count, profile.shape[0]):
         profile[column] = profile[column - count]
 
 
+@reordering_scalar
+def profile_cost(source, target):
+    """Return the mean capped difference of two range profiles."""
+    total, seen = _ZERO, _ZERO
+    for index in range(source.shape[0]):
+        difference = abs(source[index] - target[index])
+        total += difference if difference < _CAP else _CAP
+        seen += _ONE if (source[index] < FAR) | (target[index] < FAR) else _ZERO
+    return total / (seen if seen > _ONE else _ONE)
+
+
 @scalar
-def search_rotation(source, source_returns, target, target_returns, search_range):
-    """Return the yaw at which the two range profiles agree best."""
-    count = source_returns.shape[0]
+def search_rotation(source, target, search_range):
+    """Return the yaw at which the range profiles of two scans [3, N] agree best."""
+    count = source.shape[1]
     source_profile = np.empty(count, dtype=np.float32)
-    target_profile = np.empty(3 * count, dtype=np.float32)
-    write_profile(source, source_returns, source_profile)
-    write_profile(target, target_returns, target_profile)
+    profile = np.empty(3 * count, dtype=np.float32)
+    write_profile(source, source_profile)
+    write_profile(target, profile)
     max_shift = min(int(search_range / _TURN * count), count // 2)
-    best, best_shift = profile_cost(source_profile, target_profile, count), 0
+    best, best_shift = profile_cost(source_profile, profile[count : 2 * count]), 0
     for size in range(1, max_shift + 1):  # the smaller turn wins a tie, then the negative one
         for shift in (-size, size):
-            cost = profile_cost(source_profile, target_profile, count + shift)
+            cost = profile_cost(source_profile, profile[count + shift : 2 * count + shift])
             if cost < best:
                 best, best_shift = cost, shift
     return best_shift * (_TURN / count)
 
 
 @scalar
-def fit_lines(points, returns, lines):
-    """Write the normal's x and y, and whether a line fits, to ``lines`` [3, M]."""
-    count = returns.shape[0]
-    for index in range(count):
-        px, py = points[index, 0], points[index, 1]
-        number, mean_x, mean_y, s_xx, s_yy, s_xy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for offset in range(-HALF_WINDOW, HALF_WINDOW + 1):
-            other = (index + offset) % count
-            dx, dy = points[other, 0] - px, points[other, 1] - py
-            if returns[other] and dx * dx + dy * dy < REACH_M * REACH_M:
-                number += 1.0
-                mean_x += dx
-                mean_y += dy
-                s_xx += dx * dx
-                s_yy += dy * dy
-                s_xy += dx * dy
-        share = 1.0 / max(number, 1.0)
-        s_xx -= share * mean_x * mean_x
-        s_yy -= share * mean_y * mean_y
-        s_xy -= share * mean_x * mean_y
-        half_sum, half_difference = 0.5 * (s_xx + s_yy), 0.5 * (s_xx - s_yy)
-        spread = math.sqrt(half_difference * half_difference + s_xy * s_xy)
-        is_line = number >= MIN_POINTS and half_sum - spread < MAX_THICKNESS * (half_sum + spread)
-        lines[0, index], lines[1, index], lines[2, index] = 0.0, 1.0, 1.0 if is_line else 0.0
-        if is_line:  # half of the angle with half_difference and s_xy over spread as cos and sin
-            larger = math.sqrt(0.5 * (1.0 + abs(half_difference) / spread))
-            smaller = 0.5 * abs(s_xy) / (spread * larger)
-            is_along_x = half_difference > 0.0
-            lines[0, index] = -math.copysign(smaller if is_along_x else larger, s_xy)
-            lines[1, index] = larger if is_along_x else smaller
+def move_points(source, motion, moved, moved_single):
+    """Write the moved points [2, N] in both precisions."""
+    cos, sin = math.cos(motion[2]), math.sin(motion[2])
+    from_x, from_y = source[0], source[1]
+    to_x, to_y, single_x, single_y = moved[0], moved[1], moved_single[0], moved_single[1]
+    for index in range(source.shape[1]):
+        x = cos * from_x[index] - sin * from_y[index] + motion[0]
+        y = sin * from_x[index] + cos * from_y[index] + motion[1]
+        to_x[index], to_y[index] = x, y
+        single_x[index], single_y[index] = x, y
 
 
 @scalar
-def rigid_step(points, target, match, matched, number):
-    """Return the motion that lays matched points over their partners with least squared error."""
+def gather(rows, columns, gathered):
+    """Copy the listed columns of ``rows`` [R, 3 M] to ``gathered`` [R, N]."""
+    for row in range(rows.shape[0]):
+        values, copies = rows[row], gathered[row]
+        for index in range(columns.shape[0]):
+            copies[index] = values[columns[index]]
+
+
+@reordering_scalar
+def weigh_pairs(returns, squared, gate_squared, weights):
+    """Write 1 for each pair within the gate, else 0; return their number and squared sum."""
+    number, total = 0.0, 0.0
+    for index in range(squared.shape[0]):
+        weight = returns[index] if squared[index] <= gate_squared else 0.0
+        weights[index] = weight
+        number += weight
+        total += weight * squared[index]
+    return number, total
+
+
+@reordering_scalar
+def rigid_step(points, partners, weights, number):
+    """Return the motion that lays points over their partners with least squared error."""
+    xs, ys, us, vs = points[0], points[1], partners[0], partners[1]
     ax, ay, bx, by, cross, dot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for index in range(match.shape[0]):
-        if matched[index]:
-            x, y = points[0, index], points[1, index]
-            u, v = target[match[index], 0], target[match[index], 1]
-            ax, ay, bx, by = ax + x, ay + y, bx + u, by + v
-            cross += x * v - y * u
-            dot += x * u + y * v
+    for index in range(xs.shape[0]):
+        x, y, u, v, weight = xs[index], ys[index], us[index], vs[index], weights[index]
+        ax += weight * x
+        ay += weight * y
+        bx += weight * u
+        by += weight * v
+        cross += weight * (x * v - y * u)
+        dot += weight * (x * u + y * v)
     share = 1.0 / number
     ax, ay, bx, by = ax * share, ay * share, bx * share, by * share
     yaw = math.atan2(cross * share - (ax * by - ay * bx), dot * share - (ax * bx + ay * by))
@@ -111,23 +128,22 @@ def rigid_step(points, target, match, matched, number):
     return bx - (cos * ax - sin * ay), by - (sin * ax + cos * ay), yaw
 
 
-@scalar
-def line_step(points, target, lines, match, matched, robust_scale):
-    """Return the Gauss-Newton step for the distances from matched points to their lines."""
+@reordering_scalar
+def line_step(points, partners, lines, weights, robust_scale):
+    """Return the Gauss-Newton step for the distances from points to their partners' lines."""
+    xs, ys, us, vs = points[0], points[1], partners[0], partners[1]
+    normal_x, normal_y, line_shares = lines[0], lines[1], lines[2]
+    sharpness = 1.0 / (robust_scale * robust_scale)
     a_xx, a_xy, a_yy, a_xt, a_yt, a_tt = DAMPING, 0.0, DAMPING, 0.0, 0.0, DAMPING
     b_x, b_y, b_t = 0.0, 0.0, 0.0
-    for index in range(match.shape[0]):
-        if not matched[index]:
-            continue
-        x, y, column = points[0, index], points[1, index], match[index]
-        dx, dy = x - target[column, 0], y - target[column, 1]
-        nx, ny = lines[0, column], lines[1, column]
+    for index in range(xs.shape[0]):
+        x, y, nx, ny = xs[index], ys[index], normal_x[index], normal_y[index]
+        dx, dy, is_line = x - us[index], y - vs[index], line_shares[index]
         across, along = dx * nx + dy * ny, dx * ny - dy * nx
-        is_line = lines[2, column] > 0.0
-        squared = across * across if is_line else dx * dx + dy * dy
-        ratio = 1.0 + squared / (robust_scale * robust_scale)
-        weight = 1.0 / (ratio * ratio)
-        slide = weight * SLIDE_WEIGHT if is_line else weight
+        # without a line the residual is the distance, and all directions weigh alike
+        ratio = 1.0 + (across * across + (1.0 - is_line) * along * along) * sharpness
+        weight = weights[index] / (ratio * ratio)
+        slide = weight * (1.0 - is_line * (1.0 - SLIDE_WEIGHT))
         lever, slide_lever = x * ny - y * nx, -x * nx - y * ny
         a_xx += weight * nx * nx + slide * ny * ny
         a_xy += (weight - slide) * nx * ny
@@ -138,7 +154,7 @@ def line_step(points, target, lines, match, matched, robust_scale):
         b_x += weight * nx * across + slide * ny * along
         b_y += weight * ny * across - slide * nx * along
         b_t += weight * lever * across + slide * slide_lever * along
-    # Cholesky-like elimination of a symmetric, positive definite matrix
+    # elimination of a symmetric, positive definite matrix
     f_y, f_t = a_xy / a_xx, a_xt / a_xx
     a_yy, a_yt, a_tt = a_yy - f_y * a_xy, a_yt - f_y * a_xt, a_tt - f_t * a_xt
     b_y, b_t = b_y - f_y * b_x, b_t - f_t * b_x
@@ -146,72 +162,6 @@ def line_step(points, target, lines, match, matched, robust_scale):
     yaw = (b_t - g_t * b_y) / (a_tt - g_t * a_yt)
     y = (b_y - a_yt * yaw) / a_yy
     return -(b_x - a_xy * y - a_xt * yaw) / a_xx, -y, -yaw
-
-
-@scalar
-def move_points(points, x, y, yaw, moved, moved_single):
-    """Write the moved points [2, N] in both precisions."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    for index in range(points.shape[0]):
-        px, py = points[index, 0], points[index, 1]
-        moved[0, index] = cos * px - sin * py + x
-        moved[1, index] = sin * px + cos * py + y
-        moved_single[0, index] = moved[0, index]
-        moved_single[1, index] = moved[1, index]
-
-
-@scalar
-def keep_matches(source_returns, squared, match, matched, num_target, gate):
-    """Flag the partners within the gate; return how many and their squared distances' sum."""
-    number, total = 0, 0.0
-    for index in range(match.shape[0]):
-        is_match = source_returns[index] and squared[index] <= gate * gate
-        matched[index] = is_match
-        if match[index] >= num_target:  # a column of the unrolled target
-            match[index] %= num_target
-        if is_match:
-            number += 1
-            total += squared[index]
-    return number, total
-
-
-@scalar
-def iterate(
-    motion, source, source_returns, target, unrolled, lines, is_windowed, use_lines, limits,
-    max_iterations, min_pairs,
-):  # fmt: skip
-    """Step ``motion`` [3] until it converges, fails or runs out of steps.
-
-    Returns:
-        (converged, inliers, rmse, iterations) of this stage.
-    """
-    gate, robust_scale, rotation_tolerance, translation_tolerance, _ = limits
-    num_source, num_target = source.shape[0], target.shape[0]
-    moved = np.empty((2, num_source), dtype=np.float64)
-    moved_single = np.empty((2, num_source), dtype=np.float32)
-    squared = np.empty(num_source, dtype=np.float32)
-    match = np.empty(num_source, dtype=np.int32)
-    matched = np.empty(num_source, dtype=np.int32)
-    number, rmse = 0, 0.0
-    for iteration in range(max_iterations):
-        move_points(source, motion[0], motion[1], motion[2], moved, moved_single)
-        shift = round(motion[2] * num_source / _TURN)
-        find_nearest(
-            moved_single, source_returns, shift, unrolled, is_windowed, gate, squared, match,
-            matched,
-        )  # fmt: skip
-        number, total = keep_matches(source_returns, squared, match, matched, num_target, gate)
-        rmse = math.sqrt(total / max(number, 1))
-        if number < min_pairs:
-            return False, number, rmse, iteration + 1
-        if use_lines:
-            x, y, yaw = line_step(moved, target, lines, match, matched, robust_scale)
-        else:
-            x, y, yaw = rigid_step(moved, target, match, matched, number)
-        compose_step(motion, x, y, yaw)
-        if abs(yaw) < rotation_tolerance and x * x + y * y < translation_tolerance**2:
-            return True, number, rmse, iteration + 1
-    return False, number, rmse, max_iterations
 
 
 @scalar
@@ -225,6 +175,47 @@ def compose_step(motion, x, y, yaw):
     motion[2] = turned - _TURN * math.ceil((turned - math.pi) / _TURN)
 
 
+@scalar
+def iterate(
+    motion, source, target, unrolled, lines, is_windowed, use_lines, limits, max_iterations,
+    min_pairs,
+):  # fmt: skip
+    """Step ``motion`` [3] until it converges, fails or runs out of steps.
+
+    Returns:
+        (converged, inliers, rmse, iterations) of this stage.
+    """
+    gate, robust_scale, rotation_tolerance, translation_tolerance, _ = limits
+    count = source.shape[1]
+    moved = np.empty((2, count))
+    moved_single = np.empty((2, count), dtype=np.float32)
+    squared = np.empty(count, dtype=np.float32)
+    match, flags = np.zeros(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    partners, partner_lines = np.empty((2, count)), np.empty((3, count))
+    weights = np.empty(count)
+    number, rmse = 0.0, 0.0
+    for iteration in range(max_iterations):
+        move_points(source, motion, moved, moved_single)
+        shift = round(motion[2] * count / _TURN)
+        find_nearest(
+            moved_single, source[2], shift, unrolled, is_windowed, gate, squared, match, flags
+        )
+        number, total = weigh_pairs(source[2], squared, gate * gate, weights)
+        rmse = math.sqrt(total / max(number, 1.0))
+        if number < min_pairs:
+            return False, number, rmse, iteration + 1
+        gather(target, match, partners)
+        if use_lines:
+            gather(lines, match, partner_lines)
+            x, y, yaw = line_step(moved, partners, partner_lines, weights, robust_scale)
+        else:
+            x, y, yaw = rigid_step(moved, partners, weights, number)
+        compose_step(motion, x, y, yaw)
+        if abs(yaw) < rotation_tolerance and x * x + y * y < translation_tolerance**2:
+            return True, number, rmse, iteration + 1
+    return False, number, rmse, max_iterations
+
+
 @kernel
 def align_kernel(
     source, source_returns, target, target_returns, use_search, use_lines, limits,
@@ -236,33 +227,41 @@ def align_kernel(
     """
     num_source, num_target = source.shape[1], target.shape[1]
     for n in prange(source.shape[0]):
+        source_rows = np.empty((3, num_source))
+        target_rows = np.empty((3, 3 * num_target))
         unrolled = np.empty((4, 3 * num_target), dtype=np.float32)
+        lines = np.empty((3, 3 * num_target))
+        write_rows(source[n], source_returns[n], source_rows)
+        write_rows(target[n], target_returns[n], target_rows)
+        repeat(target_rows)
         unroll(target[n], target_returns[n], unrolled)
         is_windowed = num_source == num_target and is_ordered(target[n])
-        lines = np.empty((3, num_target), dtype=np.float64)
         motion[n] = 0.0
         if use_search:
-            motion[n, 2] = search_rotation(
-                source[n], source_returns[n], target[n], target_returns[n], limits[4]
-            )
-        converged[n], inliers[n], rmse[n], iterations[n] = iterate(
-            motion[n], source[n], source_returns[n], target[n], unrolled, lines, is_windowed,
-            False, limits, max_iterations, min_pairs,
-        )  # fmt: skip
-        if use_lines:
-            fit_lines(target[n], target_returns[n], lines)
-            spent = iterations[n]
-            converged[n], inliers[n], rmse[n], iterations[n] = iterate(
-                motion[n], source[n], source_returns[n], target[n], unrolled, lines, is_windowed,
-                True, limits, max_iterations, min_pairs,
+            motion[n, 2] = search_rotation(source_rows, target_rows[:, :num_target], limits[4])
+        spent = 0
+        for stage in range(2 if use_lines else 1):
+            if stage == 1:
+                fit_lines(target_rows[:, :num_target], lines)
+                repeat(lines)
+            converged[n], inliers[n], rmse[n], steps = iterate(
+                motion[n], source_rows, target_rows[:2], unrolled, lines, is_windowed,
+                stage == 1, limits, max_iterations, min_pairs,
             )  # fmt: skip
-            iterations[n] += spent
+            spent += steps
+        iterations[n] = spent
         if inliers[n] < min_pairs:
             motion[n] = 0.0
 
 
-def align_cpu(source, source_returns, target, target_returns, options):
-    """Kernel behind :func:`navrl.ops.icp.align`: scans [S, N, 2] in, tensors of [S] out."""
+def align_cpu(
+    source: Tensor,
+    source_returns: Tensor,
+    target: Tensor,
+    target_returns: Tensor,
+    options: IcpOptions,
+) -> tuple[Tensor, ...]:
+    """Kernel behind :func:`navrl.ops.icp.align`: scans [S, N, 2] in, an Alignment's parts out."""
     count = source.shape[0]
     motion = torch.empty(count, 3, dtype=torch.float64)
     rmse = torch.empty(count, dtype=torch.float64)
@@ -275,9 +274,9 @@ def align_cpu(source, source_returns, target, target_returns, options):
         float(options.translation_tolerance),
         float(options.search_range),
     )
+    scans = (source, source_returns, target, target_returns)
     align_kernel(
-        *(scan.detach().contiguous().numpy() for scan in (source, source_returns)),
-        *(scan.detach().contiguous().numpy() for scan in (target, target_returns)),
+        *(scan.detach().contiguous().numpy() for scan in scans),
         options.initialization == "rotation_search",
         options.metric == "point_to_line",
         limits,

@@ -1,0 +1,64 @@
+"""The line through each point of a scan: :func:`navrl.ops.lines.fit_lines` for one scan."""
+
+import math
+
+import numpy as np
+
+from navrl.ops.kernels.compiler import reordering_scalar, scalar
+from navrl.ops.lines import HALF_WINDOW, MAX_THICKNESS, MIN_POINTS, REACH_M
+
+_FAR = 1e9  # m; where points that are no returns are put
+
+
+@reordering_scalar
+def sum_neighbours(x, y, sums):
+    """Write number, means and moments of each point's neighbours, relative to it, to ``sums``.
+
+    ``x`` and ``y`` continue the scan by HALF_WINDOW points on both sides; ``sums`` is [4, N].
+    """
+    own_x, own_y = x[HALF_WINDOW:], y[HALF_WINDOW:]
+    for index in range(sums.shape[1]):
+        number, mean_x, mean_y, s_xx, s_yy, s_xy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for offset in range(2 * HALF_WINDOW + 1):
+            dx, dy = x[index + offset] - own_x[index], y[index + offset] - own_y[index]
+            weight = 1.0 if dx * dx + dy * dy < REACH_M * REACH_M else 0.0
+            number += weight
+            mean_x += weight * dx
+            mean_y += weight * dy
+            s_xx += weight * dx * dx
+            s_yy += weight * dy * dy
+            s_xy += weight * dx * dy
+        share = 1.0 / number  # the point itself is always there
+        sums[0, index] = number
+        sums[1, index] = s_xx - share * mean_x * mean_x
+        sums[2, index] = s_yy - share * mean_y * mean_y
+        sums[3, index] = s_xy - share * mean_x * mean_y
+
+
+@scalar
+def fit_lines(rows, lines):
+    """Write the normal's x and y, and whether a line fits, to ``lines`` [3, M or more].
+
+    ``rows`` [3, M] holds x, y and the weight, 1 for a return and 0 for none.
+    """
+    count = rows.shape[1]
+    padded = np.empty((2, count + 2 * HALF_WINDOW))
+    for column in range(padded.shape[1]):
+        index = (column - HALF_WINDOW) % count
+        hidden = (1.0 - rows[2, index]) * _FAR * (index + 1)  # apart from one another
+        padded[0, column], padded[1, column] = rows[0, index] + hidden, rows[1, index]
+    sums = np.empty((4, count))
+    sum_neighbours(padded[0], padded[1], sums)
+    for index in range(count):
+        number, s_xx, s_yy, s_xy = sums[0, index], sums[1, index], sums[2, index], sums[3, index]
+        half_sum, half_difference = 0.5 * (s_xx + s_yy), 0.5 * (s_xx - s_yy)
+        spread = math.sqrt(half_difference * half_difference + s_xy * s_xy)
+        is_line = number >= MIN_POINTS and half_sum - spread < MAX_THICKNESS * (half_sum + spread)
+        # half of the angle with half_difference and s_xy over spread as cosine and sine
+        larger = math.sqrt(0.5 * (1.0 + abs(half_difference) / spread))
+        smaller = 0.5 * abs(s_xy) / (spread * larger)
+        is_along_x = half_difference > 0.0
+        sine, cosine = (smaller, larger) if is_along_x else (larger, smaller)
+        lines[0, index] = -math.copysign(sine, s_xy) if is_line else 0.0
+        lines[1, index] = cosine if is_line else 1.0
+        lines[2, index] = 1.0 if is_line else 0.0
