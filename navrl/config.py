@@ -2,24 +2,167 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+import functools
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import hydra
-from omegaconf import DictConfig
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException, InstantiationException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 CONF_DIR = next(
-    folder
+    folder.resolve()
     for folder in (Path(__file__).parent / "conf", Path(__file__).parent.parent / "conf")
     if folder.is_dir()
 )
+"""Inside the package when installed from a wheel, beside it in a clone."""
+
+_USER_ERRORS = (ValueError, OSError, HydraException, OmegaConfBaseException)
 
 
 def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR.resolve())):
+    """Compose a config as the command line would.
+
+    Args:
+        config_name: A primary config, e.g. ``train``.
+        overrides: Hydra overrides, e.g. ``["scenario=corridor", "seed=1"]``.
+
+    Returns:
+        The config; interpolations are resolved on access.
+    """
+    if GlobalHydra.instance().is_initialized():  # inside a command: keep its search path
+        return hydra.compose(config_name, list(overrides))
+    with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR)):
         return hydra.compose(config_name, list(overrides))
 
 
 def instantiate(node: Any, **kwargs: Any) -> Any:
+    """Call a node's ``_target_``; lists and dicts below it are plain Python ones."""
     return hydra.utils.instantiate(node, _convert_="all", **kwargs)
+
+
+def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
+    """Make a command of a function that takes a config.
+
+    What a user can get wrong (an override, a range, a file) ends in one line on stderr and exit
+    status 2; a programming error keeps its traceback. ``NAVRL_TRACEBACK=1`` shows it in any case.
+
+    Args:
+        config_name: The command's primary config.
+    """
+
+    def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
+        @functools.wraps(task)
+        def checked(cfg: DictConfig) -> Any:
+            with _ErrorLine():
+                _check_types(config_name)
+                return task(cfg)
+
+        run = hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=config_name)
+
+        @functools.wraps(task)
+        def main() -> None:
+            os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us, not a printed page
+            with _ErrorLine(config_name):
+                run(checked)()
+
+        return main
+
+    return decorate
+
+
+class _ErrorLine:
+    """Turn what a user got wrong into one line."""
+
+    def __init__(self, config_name: str | None = None) -> None:
+        self._config_name = config_name
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
+        if not isinstance(error, _USER_ERRORS) or os.environ.get("NAVRL_TRACEBACK"):
+            return
+        line = describe(error)
+        if self._config_name is not None:
+            line += _nearest_keys(line, self._config_name)
+        print(f"navrl: {line}", file=sys.stderr)
+        sys.exit(2)
+
+
+def describe(error: BaseException) -> str:
+    """Say in one line what went wrong and where."""
+    place = ""
+    while isinstance(error, InstantiationException):
+        match = re.search(r"full_key: (\S+)", str(error))
+        place = f"{match[1]}: " if match else place
+        if error.__cause__ is None:
+            break
+        error = error.__cause__
+    text = re.sub(r"\s+", " ", str(error)).strip()
+    text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
+    name = "" if isinstance(error, _USER_ERRORS) else f"{type(error).__name__}: "
+    return f"{place}{name}{text}"
+
+
+def _nearest_keys(line: str, config_name: str) -> str:
+    """Return what a mistyped key may have meant."""
+    match = re.search(r"[Cc]ould not override '([^']+)'", line) or re.search(
+        r"Key '([^']+)' is not in struct", line
+    )
+    if match is None:
+        return ""
+    try:
+        known = [name for name, _ in _leaves(compose(config_name))] + _groups()
+    except Exception:  # the hint must never hide the error
+        return ""
+    near = difflib.get_close_matches(match[1], known, n=3, cutoff=0.5)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _groups() -> list[str]:
+    return [folder.name for folder in CONF_DIR.iterdir() if folder.is_dir()]
+
+
+def _leaves(cfg: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key in cfg:
+        name = f"{prefix}{key}"
+        if OmegaConf.is_interpolation(cfg, key) or OmegaConf.is_missing(cfg, key):
+            yield name, None
+        elif isinstance(cfg[key], DictConfig):
+            yield name, None
+            yield from _leaves(cfg[key], f"{name}.")
+        else:
+            yield name, cfg[key]
+
+
+def _check_types(config_name: str) -> None:
+    """Hold each overridden value to the type of the default it replaces.
+
+    Raises:
+        ValueError: Naming the first key, its value and the type that is needed.
+    """
+    overrides = list(HydraConfig.get().overrides.task)
+    parts = [override.lstrip("+~").partition("=") for override in overrides]
+    groups = [o for o, (key, _, _) in zip(overrides, parts, strict=True) if "." not in key]
+    groups = [o for o in groups if o.lstrip("+~").partition("=")[0] in _groups()]
+    try:
+        defaults = dict(_leaves(compose(config_name, groups)))
+    except (HydraException, OmegaConfBaseException):
+        return  # a user's own group: nothing to compare with
+    chosen = dict(_leaves(compose(config_name, overrides)))
+    for key, _, _ in parts:
+        default, value = defaults.get(key), chosen.get(key)
+        if default is None or value is None or isinstance(value, type(default)):
+            continue
+        if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+            continue
+        raise ValueError(f"{key}={value}: need {type(default).__name__}, as in {key}={default}")

@@ -87,10 +87,3 @@ class GymnasiumNavigation(gymnasium.Env):
         terms = tensordict[keys.REWARD_TERMS].items()
         info.update({f"reward_{name}": float(value) for name, value in terms})
         return observation, info
-
-
-def register() -> None:
-    """Register ``navrl/Navigation-v0``; gymnasium calls this when it is imported."""
-    gymnasium.register(
-        id="navrl/Navigation-v0", entry_point="navrl.build:make_gymnasium_env", order_enforce=True
-    )

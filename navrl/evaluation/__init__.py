@@ -1,5 +1,16 @@
 """Evaluation: episodes, their outcomes and statistics."""
 
-from navrl.evaluation.rollout import EpisodeRecord, evaluate
+from navrl.evaluation.results import OUTCOMES, rates, summarize, write_results
+from navrl.evaluation.rollout import ERROR, EpisodeRecord, evaluate
+from navrl.evaluation.statistics import wilson_interval
 
-__all__ = ["EpisodeRecord", "evaluate"]
+__all__ = [
+    "ERROR",
+    "OUTCOMES",
+    "EpisodeRecord",
+    "evaluate",
+    "rates",
+    "summarize",
+    "wilson_interval",
+    "write_results",
+]

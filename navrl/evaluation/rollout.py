@@ -60,10 +60,11 @@ def evaluate(
 
     Args:
         env: Environment over N worlds with ``privileged=True``; scenarios are played N at a time,
-            in order, the last chunk padded by repetition. A record does not depend on N.
+            in order, the last chunk padded by repetition.
         policy: Writes a normalised action; noise is off.
         scenarios: What to play.
-        on_step: Called with every batch of transitions, e.g. to record them.
+        on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
+            with those of its neighbours once more.
         on_chunk: Called with the number of episodes finished since the last call.
 
     Returns:
@@ -72,18 +73,36 @@ def evaluate(
     size = env.batch_size.numel()
     records: list[EpisodeRecord] = []
     for first in range(0, len(scenarios), size):
-        rows = torch.arange(first, first + size).clamp_max(len(scenarios) - 1)
-        count = min(size, len(scenarios) - first)
-        batch = scenarios[rows]
-        try:
-            tally = _play(env, policy, batch, on_step)
-            played = [_record(tally, batch, k, first + k) for k in range(count)]
-        except Exception:  # one bad episode must neither stop an evaluation nor vanish from it
-            played = _failed(batch, first, count, traceback.format_exc())
-        records += played
+        chunk = range(first, min(first + size, len(scenarios)))
+        records += _play_chunk(env, policy, scenarios, chunk, on_step)
         if on_chunk is not None:
-            on_chunk(count)
+            on_chunk(len(chunk))
     return records
+
+
+def _play_chunk(
+    env: TransformedEnv,
+    policy: Callable[[TensorDictBase], TensorDictBase],
+    scenarios: ScenarioBatch,
+    chunk: range,
+    on_step: Callable[[TensorDictBase], None] | None,
+) -> list[EpisodeRecord]:
+    """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
+
+    So an episode that raises neither stops the evaluation, nor vanishes from it, nor takes those
+    with it that happened to be played beside it.
+    """
+    rows = torch.arange(chunk.start, chunk.start + env.batch_size.numel())
+    batch = scenarios[rows.clamp_max(chunk[-1])]
+    try:
+        tally = _play(env, policy, batch, on_step)
+    except Exception:
+        if len(chunk) == 1:
+            return [_failed(batch, chunk.start, traceback.format_exc())]
+        middle = len(chunk) // 2
+        halves = chunk[:middle], chunk[middle:]
+        return [r for half in halves for r in _play_chunk(env, policy, scenarios, half, on_step)]
+    return [_record(tally, batch, row, index) for row, index in enumerate(chunk)]
 
 
 @dataclass
@@ -106,16 +125,16 @@ def _play(
     base.set_scenarios(batch)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         carrier = env.reset()
-        n = len(batch)
+        zeros = torch.zeros(len(batch), dtype=torch.int64, device=env.device)
         tally = _Tally(
-            outcome=torch.zeros(n, dtype=torch.int64),
-            contact=torch.zeros(n, dtype=torch.int64),
-            steps=torch.zeros(n, dtype=torch.int64),
-            length=torch.zeros(n),
+            outcome=zeros,
+            contact=zeros,
+            steps=zeros.clone(),
+            length=zeros.float(),
             clearance=carrier[keys.PEDESTRIAN_CLEARANCE].squeeze(-1).clone(),
             time_step_s=base.simulator.time_step_s,
         )
-        running = torch.ones(n, dtype=torch.bool)
+        running = torch.ones_like(zeros, dtype=torch.bool)
         while bool(running.any()):
             stepped = env.step(policy(carrier))
             if on_step is not None:
@@ -155,9 +174,6 @@ def _record(tally: _Tally, batch: ScenarioBatch, row: int, index: int) -> Episod
     )
 
 
-def _failed(batch: ScenarioBatch, first: int, count: int, error: str) -> list[EpisodeRecord]:
+def _failed(batch: ScenarioBatch, index: int, error: str) -> EpisodeRecord:
     nan = float("nan")
-    return [
-        EpisodeRecord(first + k, KINDS[int(batch.kind[k])], ERROR, 0, nan, nan, nan, False, error)
-        for k in range(count)
-    ]
+    return EpisodeRecord(index, KINDS[int(batch.kind[0])], ERROR, 0, nan, nan, nan, error=error)

@@ -1,1 +1,15 @@
-"""Policies: trained bundles and classical controllers."""
+"""Policies: trained bundles, the zoo that ships with the package, and classical controllers."""
+
+from pathlib import Path
+
+from navrl.policies.bundle import BundleError, PolicyBundle, load_bundle, save_bundle
+
+ZOO = Path(__file__).parent / "zoo"
+"""Bundles that ship with the package, one folder each."""
+
+__all__ = ["ZOO", "BundleError", "PolicyBundle", "load_bundle", "save_bundle", "zoo_names"]
+
+
+def zoo_names() -> list[str]:
+    """Return the names of the bundles in the zoo."""
+    return sorted(folder.name for folder in ZOO.glob("*") if (folder / "config.yaml").is_file())

@@ -1,5 +1,6 @@
-"""Controllers that learn nothing."""
+"""Controllers that learn nothing; they write normalised actions as trained actors do."""
 
+from navrl.policies.classical.fixed import StandStill, UniformRandom
 from navrl.policies.classical.pure_pursuit import PurePursuit
 
-__all__ = ["PurePursuit"]
+__all__ = ["PurePursuit", "StandStill", "UniformRandom"]

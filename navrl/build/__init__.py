@@ -1,0 +1,27 @@
+"""Composition root: from a resolved config to running objects. Nothing below knows a config."""
+
+from navrl.build.environment import (
+    make_env,
+    make_gymnasium_env,
+    make_navigation_env,
+    make_pool,
+    set_threads,
+)
+from navrl.build.evaluation import Contender, bundle_folder, make_contender, run_evaluation
+from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
+
+__all__ = [
+    "Contender",
+    "bundle_folder",
+    "make_agent",
+    "make_contender",
+    "make_env",
+    "make_gymnasium_env",
+    "make_navigation_env",
+    "make_pool",
+    "make_trainer",
+    "observation_shapes",
+    "run_evaluation",
+    "save_policy",
+    "set_threads",
+]

@@ -1,0 +1,113 @@
+"""From a config to worlds and environments."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torchrl.envs import ActionScaling, Transform, TransformedEnv
+
+from navrl.config import compose, instantiate
+from navrl.envs import NavigationEnv
+from navrl.envs.gymnasium import GymnasiumNavigation
+from navrl.worlds import ScenarioPool, Suite
+
+
+def set_threads(count: int) -> None:
+    """Let torch use ``count`` CPU threads.
+
+    Raises:
+        ValueError: If ``count`` is not between 1 and the number of cores.
+    """
+    limit = os.cpu_count() or 1
+    if not 1 <= count <= limit:
+        raise ValueError(f"num_threads={count}: must be between 1 and {limit} on this machine")
+    torch.set_num_threads(count)  # the compiled kernels follow torch
+    torch.set_flush_denormal(True)  # vanishing gradients otherwise slow products tenfold
+
+
+def make_navigation_env(
+    cfg: DictConfig,
+    num_worlds: int,
+    scenarios: ScenarioPool | None = None,
+    seed: int = 0,
+    privileged: bool = False,
+) -> NavigationEnv:
+    """Build the simulator and the raw environment.
+
+    Args:
+        cfg: Config with ``simulator``, ``robot``, ``lidar``, ``reward`` and ``environment``.
+        num_worlds: Batch size.
+        scenarios: Where episodes are drawn from; ``None`` if they are set from outside.
+        seed: Seed of the environment's generator.
+        privileged: Whether the true state is observed too.
+
+    Returns:
+        An environment with physical actions and raw outputs.
+    """
+    return NavigationEnv(
+        instantiate(cfg.simulator, num_worlds=num_worlds),
+        scenarios,
+        rewards={name: instantiate(term) for name, term in cfg.get("reward", {}).items()},
+        privileged=privileged,
+        seed=seed,
+        **cfg.environment,
+    )
+
+
+def make_pool(
+    cfg: DictConfig, name: str = "train", seed: int | None = None, size: int | None = None
+) -> ScenarioPool:
+    """Return the scenarios that episodes are drawn from, generated once and cached.
+
+    Args:
+        cfg: Config with ``scenario``, ``seed``, ``pool_size`` and ``num_threads``.
+        name: Of the suite they belong to.
+        seed: Of the suite; ``cfg.seed`` if ``None``.
+        size: Number of scenarios; ``cfg.pool_size`` if ``None``.
+    """
+    suite = Suite(
+        name,
+        cfg.seed if seed is None else seed,
+        cfg.pool_size if size is None else size,
+        instantiate(cfg.scenario),
+    )
+    key = hashlib.sha256(
+        f"{name} {suite.seed} {suite.num_episodes} {OmegaConf.to_yaml(cfg.scenario)}".encode()
+    ).hexdigest()[:16]
+    return ScenarioPool(suite, cfg.num_threads, _cache_folder() / "pools" / f"{key}.npz")
+
+
+def _cache_folder() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "navrl"
+
+
+def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
+    """Append the perception transforms, then normalise actions to [-1, 1]."""
+    transformed = TransformedEnv(env, transforms)
+    transformed.append_transform(ActionScaling())
+    return transformed
+
+
+def make_gymnasium_env(overrides: Sequence[str] = (), **kwargs: object) -> GymnasiumNavigation:
+    """Build the environment behind ``gymnasium.make("navrl/Navigation-v0")``.
+
+    Args:
+        overrides: Hydra overrides of ``conf/train.yaml``, e.g. ``["scenario=corridor",
+            "simulator=bullet"]``.
+        kwargs: None are taken; gymnasium's own are named here so that a typo gives an error.
+
+    Returns:
+        One world with the paper's raw observations.
+
+    Raises:
+        ValueError: If a keyword is unknown.
+    """
+    if kwargs:
+        raise ValueError(f"unknown keyword {sorted(kwargs)}: only 'overrides' is allowed")
+    cfg = compose("train", list(overrides))
+    return GymnasiumNavigation(make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed))

@@ -1,0 +1,112 @@
+"""From a config to a policy, an environment that suits it, and results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+from tensordict import TensorDictBase
+from torchrl.envs import TransformedEnv
+from tqdm import tqdm
+
+from navrl.build.environment import make_env, make_navigation_env
+from navrl.config import CONF_DIR, instantiate
+from navrl.evaluation import evaluate, summarize, write_results
+from navrl.policies import ZOO, load_bundle, zoo_names
+from navrl.worlds import ScenarioBatch
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A policy and the environment it is to be played in.
+
+    Args:
+        name: For the reader.
+        policy: Writes a normalised action.
+        env: Raw environment, the policy's own transforms, normalised actions.
+    """
+
+    name: str
+    policy: Callable[[TensorDictBase], TensorDictBase]
+    env: TransformedEnv
+
+
+def bundle_folder(policy: str) -> Path | None:
+    """Return the folder of the bundle that ``policy`` names, or ``None`` if it names none.
+
+    A bundle's own folder, a training run's folder and a name in the zoo are bundles.
+    """
+    for folder in (Path(policy), Path(policy) / "policy", ZOO / policy):
+        if (folder / "config.yaml").is_file() and (folder / "weights.safetensors").is_file():
+            return folder
+    return None
+
+
+def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contender:
+    """Find the policy that ``cfg.policy`` names and build an environment for it.
+
+    A bundle brings its own transforms, lidar and robot; a controller takes the config's.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+        with_attention: Whether a bundle's actor writes its attention weights too.
+
+    Raises:
+        ValueError: If there is no such policy, listing those there are.
+        BundleError: If the bundle is damaged or not allowed.
+    """
+    folder = bundle_folder(cfg.policy)
+    if folder is None:
+        return _controller(cfg)
+    bundle = load_bundle(folder, cfg.allow)
+    actor = bundle.actor_with_attention() if with_attention else bundle.actor
+    changed = OmegaConf.merge(
+        {part: bundle.config[part] for part in ("transforms", "lidar", "robot")}, cfg.change
+    )
+    local = OmegaConf.merge(cfg, {"lidar": changed.lidar, "robot": changed.robot})
+    local.transforms = changed.transforms
+    return Contender(folder.name, actor, _environment(local))
+
+
+def _controller(cfg: DictConfig) -> Contender:
+    file = CONF_DIR / "controller" / f"{cfg.policy}.yaml"
+    if not file.is_file():
+        known = sorted(path.stem for path in file.parent.glob("*.yaml"))
+        raise ValueError(
+            f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
+            f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
+        )
+    local = OmegaConf.merge(cfg, {"controller": OmegaConf.load(file)})
+    return Contender(cfg.policy, instantiate(local.controller), _environment(local))
+
+
+def _environment(cfg: DictConfig) -> TransformedEnv:
+    env = make_navigation_env(cfg, cfg.num_worlds, privileged=True)
+    return make_env(env, instantiate(cfg.transforms))
+
+
+def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
+    """Play ``cfg.suite`` with ``cfg.policy`` and write the results into ``folder``.
+
+    Returns:
+        The summary.
+    """
+    contender = make_contender(cfg)
+    suite = instantiate(cfg.suite)
+    scenarios = suite.scenarios(num_workers=cfg.num_threads)
+    with tqdm(total=len(scenarios), unit="episode", disable=not cfg.progress_bar) as bar:
+        records = evaluate(
+            contender.env, contender.policy, ScenarioBatch.pack(scenarios), on_chunk=bar.update
+        )
+    contender.env.close()
+    summary = summarize(
+        records,
+        policy=contender.name,
+        suite=suite.name,
+        suite_hash=suite.hash(scenarios),
+        simulator=cfg.simulator["_target_"].rpartition(".")[2],
+    )
+    write_results(folder, records, summary)
+    return summary

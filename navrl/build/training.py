@@ -1,0 +1,144 @@
+"""From a config to an agent, a trainer and a policy bundle."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from tensordict.nn import TensorDictModule
+from torchrl.envs import TransformedEnv
+
+import navrl
+from navrl.build.environment import make_env, make_navigation_env, make_pool
+from navrl.config import instantiate
+from navrl.evaluation import evaluate, rates
+from navrl.policies import save_bundle
+from navrl.training import Trainer
+
+
+def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
+    """Return the feature shape (without batch) of every top-level observation of ``env``."""
+    batch_dims = len(env.batch_size)
+    return {
+        key: list(spec.shape[batch_dims:])
+        for key, spec in env.observation_spec.items()
+        if isinstance(spec.shape, torch.Size) and len(spec.shape) > batch_dims
+    }
+
+
+def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
+    """Return the plain config that rebuilds the actor anywhere: sizes included, no references."""
+    network = OmegaConf.to_container(cfg.network, resolve=True)
+    make = instantiate(cfg.network.encoder)
+    needed = make(shapes=shapes).in_keys
+    return {
+        "_target_": "navrl.networks.make_actor",
+        **network,
+        "shapes": {key: list(shapes[key]) for key in needed},
+        "action_size": 2,
+    }
+
+
+def make_agent(
+    cfg: DictConfig, shapes: Mapping[str, list[int]]
+) -> tuple[TensorDictModule, TensorDictModule]:
+    """Build actor and critic for observations of the given shapes; seeds their weights."""
+    torch.manual_seed(cfg.seed)
+    node = actor_node(cfg, shapes)
+    torch.manual_seed(cfg.seed)
+    return instantiate(node), instantiate({**node, "_target_": "navrl.networks.make_critic"})
+
+
+def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
+    """Wire everything that ``navrl-train`` runs.
+
+    Args:
+        cfg: A composed ``conf/train.yaml``.
+        folder: Run folder; ``<folder>/policy`` receives the best policy so far.
+
+    Returns:
+        A trainer, ready to run or to resume from the folder's checkpoint.
+    """
+    env = make_env(
+        make_navigation_env(cfg, cfg.num_worlds, make_pool(cfg), cfg.seed),
+        instantiate(cfg.transforms),
+    )
+    shapes = observation_shapes(env)
+    actor, critic = make_agent(cfg, shapes)
+    return Trainer(
+        env=env,
+        behaviour=instantiate(
+            cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration)
+        ),
+        algorithm=instantiate(cfg.algorithm, actor=actor, critic=critic),
+        replay=instantiate(cfg.replay, observation_keys=actor.in_keys),
+        curriculum=instantiate(cfg.curriculum),
+        evaluate=Validation(cfg, actor),
+        on_best=lambda metrics: save_policy(cfg, actor, shapes, folder / "policy", metrics),
+        schedule=instantiate(cfg.schedule),
+        folder=folder,
+        progress_bar=cfg.progress_bar,
+    )
+
+
+class Validation:
+    """Success of the actor on fixed scenarios, at any number of pedestrians.
+
+    Args:
+        cfg: A composed ``conf/train.yaml``.
+        actor: The policy in training, evaluated without noise.
+    """
+
+    def __init__(self, cfg: DictConfig, actor: TensorDictModule) -> None:
+        self._seed, self._count = cfg.validation.seed, cfg.validation.num_episodes
+        self._pool = make_pool(cfg, "validation", self._seed, self._count)
+        self._actor = actor
+        self._env = make_env(
+            make_navigation_env(cfg, self._count, privileged=True), instantiate(cfg.transforms)
+        )
+
+    def __call__(self, max_dynamic: int) -> dict[str, float]:
+        """Play all episodes with 1 to ``max_dynamic`` dynamic pedestrians; return the rates."""
+        generator = torch.Generator().manual_seed(self._seed)
+        records = evaluate(self._env, self._actor, self._pool.all(generator, max_dynamic))
+        return rates(records)
+
+
+def save_policy(
+    cfg: DictConfig,
+    actor: TensorDictModule,
+    shapes: Mapping[str, list[int]],
+    folder: Path,
+    metrics: Mapping[str, float],
+) -> None:
+    """Save the actor as a bundle that needs nothing else to run."""
+    config = {part: _plain(cfg, part) for part in ("transforms", "lidar", "robot")}
+    config["actor"] = actor_node(cfg, shapes)
+    config["time_step_s"] = float(cfg.simulator.time_step_s)
+    config["navrl_version"] = navrl.__version__
+    save_bundle(folder, config=config, actor=actor, metrics=metrics, card=_card(metrics))
+
+
+def _plain(cfg: DictConfig, part: str) -> dict:
+    return OmegaConf.to_container(cfg[part], resolve=True)
+
+
+def _card(metrics: Mapping[str, float]) -> str:
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    rows = "\n".join(f"| {name} | {value:.6g} |" for name, value in metrics.items())
+    return f"""# Policy
+
+Saved by navrl {navrl.__version__} as the best checkpoint of the highest curriculum level.
+
+Command: `{command}`
+
+Validation (chooses the checkpoint; not a test result):
+
+| metric | value |
+|---|---|
+{rows}
+"""

@@ -1,0 +1,40 @@
+"""``navrl-evaluate``: play a suite with a policy; leaves ``episodes.csv`` and ``summary.json``."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from navrl import build
+from navrl.config import hydra_main
+
+log = logging.getLogger(__name__)
+
+
+@hydra_main("evaluate")
+def main(cfg: DictConfig) -> float:
+    """Evaluate; return the success rate."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    build.set_threads(cfg.num_threads)
+    summary = build.run_evaluation(cfg, folder)
+    low, high = summary["success_interval"]
+    log.info(
+        "%s on %s: success %.1f %% [%.1f, %.1f], collision %.1f %%, timeout %.1f %%, n=%d; %s",
+        summary["policy"],
+        summary["suite"],
+        100 * summary["success_rate"],
+        100 * low,
+        100 * high,
+        100 * summary["collision_rate"],
+        100 * summary["timeout_rate"],
+        summary["episodes"],
+        folder,
+    )
+    return summary["success_rate"]
+
+
+if __name__ == "__main__":
+    main()
