@@ -109,8 +109,9 @@ def align(
     """Find the rigid motion that lays one scan over another.
 
     Each sample of the batch iterates on its own and is frozen as soon as it converges, so a result
-    does not depend on the rest of the batch, but for rounding. Points that are no returns are never used: the circle
-    of maximum ranges stays where it is whatever the robot does, and would pull towards no motion.
+    does not depend on the rest of the batch, but for rounding. Points that are no returns are
+    never used: the circle of maximum ranges stays where it is whatever the robot does, and would
+    pull towards no motion.
 
     Args:
         source_points: ``[*B, N, 2]`` m, e.g. scan t-1 in its own frame.
@@ -147,9 +148,14 @@ def align(
         target_returns.reshape(-1, target_returns.shape[-1]),
     )
     size = max(1, PAIRS_PER_BLOCK // (num_source * target_points.shape[-2]))
-    blocks = [_align(*block, options) for block in zip(*(scan.split(size) for scan in scans))]
+    blocks = [
+        _align(*block, options) for block in zip(*(scan.split(size) for scan in scans), strict=True)
+    ]
     return Alignment(
-        *(torch.cat(parts).reshape((*batch, *parts[0].shape[1:])) for parts in zip(*blocks))
+        *(
+            part.reshape((*batch, *part.shape[1:]))
+            for part in map(torch.cat, zip(*blocks, strict=True))
+        )
     )
 
 
@@ -188,11 +194,9 @@ def _align(
     scans = (source, source_returns, target, target_returns)
     _iterate(state, scans, None, options)
     if options.metric == "point_to_line":
-        state.converged.fill_(False)
         _iterate(state, scans, fit_lines(target, target_returns), options)
     failed = state.inliers < options.min_pairs
     state.transform.masked_fill_(failed.unsqueeze(-1), 0.0)
-    state.converged.logical_and_(~failed)
     return state
 
 

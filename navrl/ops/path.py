@@ -60,7 +60,15 @@ def project_onto_path(
     _check_path(path)
     if position.shape[-1:] != (2,):
         raise ValueError(f"position must have shape [*B, 2], got {tuple(position.shape)}")
+    if position.shape[:-1] != path.shape[:-2]:
+        raise ValueError(
+            f"position must have the path's batch {tuple(path.shape[:-2])}, "
+            f"got shape {tuple(position.shape)}"
+        )
     check_window(ahead, behind)
+    before = () if previous_progress is None else (previous_progress,)
+    if is_compiled(backend, path, position, *before):
+        return _project_compiled(path, position, previous_progress, ahead, behind)
     arc, length, (step_x, step_y) = _segments(path)
     segment_start = arc[..., :-1]
     inverse_length = length.clamp(min=1e-9).reciprocal()
@@ -103,15 +111,17 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
         ValueError: If a shape is outside the above, naming it.
     """
     _check_path(path)
-    if arc.ndim not in (path.ndim - 2, path.ndim - 1):
+    batch = path.shape[:-2]
+    if arc.shape[: len(batch)] != batch or arc.ndim > len(batch) + 1:
         raise ValueError(
             f"arc must have shape [*B] or [*B, K] for a path {tuple(path.shape)}, "
             f"got {tuple(arc.shape)}"
         )
-    if arc.ndim == path.ndim - 2:
+    if arc.ndim == len(batch):
         return point_at(path, arc.unsqueeze(-1), backend).squeeze(-2)
+    if is_compiled(backend, path, arc):
+        return _point_at_compiled(path, arc)
     cumulative, length, _ = _segments(path)
-    arc = torch.minimum(arc.clamp(min=0.0), cumulative[..., -1:])
     ends = cumulative[..., 1:].contiguous()
     segment = torch.searchsorted(ends, arc.contiguous()).clamp(max=length.shape[-1] - 1)
     along = arc - cumulative.gather(-1, segment)
@@ -120,7 +130,7 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
     return torch.lerp(path.gather(-2, pair), path.gather(-2, pair + 1), fraction.unsqueeze(-1))
 
 
-def _project_numba(
+def _project_compiled(
     path: Tensor,
     position: Tensor,
     previous_progress: Tensor | None,
@@ -136,8 +146,8 @@ def _project_numba(
     project_kernel(
         progress.numpy(),
         distance.numpy(),
-        path.reshape(count, -1, 2).contiguous().numpy(),
-        position.expand(*batch, 2).reshape(count, 2).contiguous().numpy(),
+        path.reshape(count, *path.shape[-2:]).contiguous().numpy(),
+        position.reshape(count, 2).contiguous().numpy(),
         previous_progress.expand(batch).reshape(count).contiguous().numpy(),
         ahead,
         behind,
@@ -145,18 +155,17 @@ def _project_numba(
     return PathProjection(progress.reshape(batch), distance.reshape(batch))
 
 
-def _point_at_numba(path: Tensor, arc: Tensor) -> Tensor:
+def _point_at_compiled(path: Tensor, arc: Tensor) -> Tensor:
     from navrl.ops.kernels.path import points_at_kernel
 
     batch, count = path.shape[:-2], path.shape[:-2].numel()
-    arc = arc.expand(*batch, arc.shape[-1])
     points = torch.empty(count, arc.shape[-1], 2, dtype=path.dtype)
     points_at_kernel(
         points.numpy(),
-        path.reshape(count, -1, 2).contiguous().numpy(),
-        arc.reshape(count, -1).contiguous().numpy(),
+        path.reshape(count, *path.shape[-2:]).contiguous().numpy(),
+        arc.reshape(count, arc.shape[-1]).contiguous().numpy(),
     )
-    return points.reshape(*batch, -1, 2)
+    return points.reshape(*batch, arc.shape[-1], 2)
 
 
 def path_length(path: Tensor) -> Tensor:

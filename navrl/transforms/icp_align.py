@@ -38,8 +38,8 @@ class ICPAlign(ObservationMap):
         ValueError: If an argument is not as above, naming it.
 
     Reference:
-        Paper Sec. IV-A; "ICP alignment artificially turned off" is tested in Sec. V-E. The options and what
-        the paper leaves open are described in :class:`navrl.ops.icp.IcpOptions`.
+        Paper Sec. IV-A; "ICP alignment artificially turned off" is tested in Sec. V-E. The options
+        and what the paper leaves open are described in :class:`navrl.ops.icp.IcpOptions`.
     """
 
     INPUTS = ("previous points", "previous returns", "points", "returns")

@@ -45,7 +45,8 @@ def test_recovers_the_motion_among_pedestrians(options, success, median_m, media
         result = run(source, target, options)
         position, rotation = errors(result.transform, truth)
         assert ((position < 0.1) & (rotation < 2.0)).float().mean() >= success
-        assert position.median() <= median_m and rotation.median() <= median_deg
+        assert position.median() <= median_m
+        assert rotation.median() <= median_deg
         assert result.converged.float().mean() > 0.97
 
 
@@ -53,7 +54,8 @@ def test_robust_from_180_single_beams():
     for source, target, truth in both_ways(sample_scan_pairs(200, seed=3)):
         position, rotation = errors(run(source, target, ROBUST).transform, truth)
         assert ((position < 0.1) & (rotation < 2.0)).float().mean() >= 0.97
-        assert position.median() <= 0.01 and rotation.median() <= 0.2
+        assert position.median() <= 0.01
+        assert rotation.median() <= 0.2
 
 
 @pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
@@ -64,14 +66,16 @@ def test_known_transform_of_the_same_points(options):
     source_points = se2.transform_points(se2.inverse(T_target_source), target.points)
     result = align(source_points, target.returns, target.points, target.returns, options)
     position, rotation = errors(result.transform, T_target_source)
-    assert position.median() < 1e-3 and rotation.median() < 0.05
+    assert position.median() < 1e-3
+    assert rotation.median() < 0.05
 
 
 @pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
 def test_equal_scans_have_not_moved(options):
     scan = sample_scan_pairs(20, seed=5).source
     result = run(scan, scan, options)
-    assert result.transform.abs().max() < 1e-6 and result.converged.all()
+    assert result.transform.abs().max() < 1e-6
+    assert result.converged.all()
     assert result.iterations.max() <= 2
     assert (result.inliers == scan.returns.sum(-1)).all()
     assert result.rmse.max() < 1e-6
@@ -96,10 +100,47 @@ def test_too_few_points_is_the_identity_not_converged(options):
     returns = torch.zeros(2, 40, dtype=torch.bool)
     returns[:, :9] = True
     result = align(points, returns, points + 0.1, returns, options)
-    assert (result.transform == 0).all() and not result.converged.any()
+    assert (result.transform == 0).all()
+    assert not result.converged.any()
     assert (result.inliers <= 9).all()
     none = align(points, returns & False, points, returns & False, options)
-    assert (none.transform == 0).all() and not none.converged.any() and (none.inliers == 0).all()
+    assert (none.transform == 0).all()
+    assert not none.converged.any()
+    assert (none.inliers == 0).all()
+
+
+def test_a_failed_alignment_keeps_nothing_of_its_first_guess():
+    angle = torch.arange(9) * 0.1
+    points = torch.zeros(180, 2)
+    points[:9] = torch.stack([angle.cos(), angle.sin()], dim=-1) * (1.0 + angle.unsqueeze(-1))
+    returns = torch.arange(180) < 9
+    turned = align(points, returns, points.roll(7, 0), returns.roll(7), ROBUST)
+    assert (turned.transform == 0).all()
+    assert not turned.converged
+
+
+def test_target_points_that_are_no_returns_match_nothing():
+    angle = torch.arange(12) * 0.5
+    ring = torch.stack([angle.cos(), angle.sin()], dim=-1)
+    real = torch.ones(24, dtype=torch.bool)
+    source = torch.cat([0.5 * ring, 0.6 * ring])  # so near the robot that the origin is in the gate
+    target = torch.cat([3.0 * ring, 0.5 * ring])
+    result = align(source, real, target, torch.arange(24) < 12)
+    assert result.inliers == 0
+    assert not result.converged
+
+
+def test_a_step_is_taken_in_the_target_frame():
+    """Matches that are right from the start are solved in one step; the second finds no more."""
+    angle = torch.arange(12) * (math.pi / 6)
+    ranges = torch.tensor([1.0, 3, 2, 4, 1.5, 3.5, 2.5, 4.5, 1.2, 3.3, 2.2, 4.2])
+    target = ranges.unsqueeze(-1) * torch.stack([angle.cos(), angle.sin()], dim=-1)
+    truth = torch.tensor([0.12, -0.09, math.pi / 6])
+    source = se2.transform_points(se2.inverse(truth), target).roll(-1, 0)  # by bearing
+    real = torch.ones(12, dtype=torch.bool)
+    result = align(source, real, target, real, IcpOptions(initialization="rotation_search"))
+    torch.testing.assert_close(result.transform, truth, atol=1e-5, rtol=0)
+    assert result.iterations == 2
 
 
 def test_iteration_bound_is_kept_and_told():
@@ -167,7 +208,8 @@ def test_closed_form_equals_svd():
     a, b = source - source_mean.unsqueeze(1), target - target_mean.unsqueeze(1)
     u, _, vh = torch.linalg.svd((share * a).mT @ b)
     det = torch.linalg.det(vh.mT @ u.mT)
-    assert (det < 0).any() and (det > 0).any()
+    assert (det < 0).any()
+    assert (det > 0).any()
     middle = torch.diag_embed(torch.stack([torch.ones_like(det), det], dim=-1))
     rotation = vh.mT @ middle @ u.mT
     yaw = torch.atan2(rotation[:, 1, 0], rotation[:, 0, 0])
@@ -198,7 +240,8 @@ def test_rotation_search_of_empty_scans_is_zero():
 def test_lines_of_a_square_room():
     scan = sample_scan_pairs(10, seed=12, noise_std=0.0, num_pedestrians=0).source
     lines = fit_lines(scan.points, scan.returns)
-    assert lines.is_line.float().mean() > 0.5 and not lines.is_line[~scan.returns].any()
+    assert lines.is_line.float().mean() > 0.5
+    assert not lines.is_line[~scan.returns].any()
     following = scan.points.roll(-1, 1) - scan.points
     both = lines.is_line & lines.is_line.roll(-1, 1) & (following.norm(dim=-1) < 0.2)
     slide = (following * lines.normal).sum(-1).abs() / following.norm(dim=-1).clamp(min=1e-6)

@@ -9,6 +9,9 @@ from hypothesis import strategies as st
 
 from navrl.ops.path import path_length, point_at, project_onto_path
 
+BACKENDS = ["torch", "numba"]
+backends = st.sampled_from(BACKENDS)
+
 
 def random_path(seed, batch=(), num_points=20):
     generator = torch.Generator().manual_seed(seed)
@@ -16,43 +19,52 @@ def random_path(seed, batch=(), num_points=20):
     return 0.2 * steps.cumsum(-2), generator
 
 
-@given(st.integers(0, 10_000))
-def test_projection_is_the_nearest_point(seed):
+@given(st.integers(0, 10_000), backends)
+def test_projection_is_the_nearest_point(seed, backend):
     path, generator = random_path(seed)
     position = torch.randn(2, generator=generator, dtype=torch.float64)
-    progress, distance = project_onto_path(path, position)
+    progress, distance = project_onto_path(path, position, backend=backend)
     arcs = torch.linspace(0, path_length(path).item(), 5000, dtype=torch.float64)
-    dense = point_at(path, arcs)
+    dense = point_at(path, arcs, backend)
     nearest = (dense - position).norm(dim=-1).min()
-    assert distance <= nearest + 1e-9 and distance > nearest - 5e-3
+    assert distance <= nearest + 1e-9
+    assert distance > nearest - 5e-3
     on_path = point_at(path, progress)
     torch.testing.assert_close((on_path - position).norm(), distance)
 
 
-@given(st.integers(0, 10_000), st.floats(0.0, 1.2), st.floats(0.05, 2.0), st.floats(0.0, 1.0))
-def test_window_is_kept_and_searched(seed, fraction, ahead, behind):
+@given(
+    st.integers(0, 10_000),
+    st.floats(0.0, 1.2),
+    st.floats(0.05, 2.0),
+    st.floats(0.0, 1.0),
+    backends,
+)
+def test_window_is_kept_and_searched(seed, fraction, ahead, behind, backend):
     path, generator = random_path(seed)
     total = path_length(path)
     previous = fraction * total
     position = torch.randn(2, generator=generator, dtype=torch.float64)
-    progress, distance = project_onto_path(path, position, previous, ahead, behind)
+    progress, distance = project_onto_path(path, position, previous, ahead, behind, backend)
     start = torch.minimum(previous, total)
     low, high = (start - behind).clamp(min=0), torch.minimum(start + ahead, total)
     assert low - 1e-9 <= progress <= high + 1e-9
     dense = point_at(path, torch.linspace(low.item(), high.item(), 3000, dtype=torch.float64))
     nearest = (dense - position).norm(dim=-1).min()
-    assert distance <= nearest + 1e-9 and distance > nearest - 5e-3
+    assert distance <= nearest + 1e-9
+    assert distance > nearest - 5e-3
 
 
-@given(st.integers(0, 10_000))
-def test_progress_never_goes_back(seed):
-    path, generator = random_path(seed)
+@given(st.integers(0, 10_000), backends)
+def test_progress_never_goes_back(seed, backend):
+    path, generator = random_path(seed, batch=(20,), num_points=5)
     path = path.float()
-    progress = project_onto_path(path, path[0]).progress
+    progress = torch.zeros(20)
     for _ in range(10):
-        position = torch.randn(2, generator=generator)
-        following = project_onto_path(path, position, progress).progress
-        assert following >= progress
+        position = torch.randn(20, 2, generator=generator)
+        following, distance = project_onto_path(path, position, progress, backend=backend)
+        assert (following >= progress).all()
+        assert distance.isfinite().all()  # also where the whole path lies behind
         progress = following
 
 
@@ -61,55 +73,66 @@ def figure_of_eight(num_points=400):
     return torch.stack([2 * t.sin(), (2 * t).sin()], dim=-1)  # crosses itself at the origin
 
 
-def test_does_not_jump_where_the_path_crosses_itself():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_does_not_jump_where_the_path_crosses_itself(backend):
     path = figure_of_eight()
     total = path_length(path)
     progress, lateral = torch.tensor(0.0), torch.tensor([0.03, -0.02])
     for arc in torch.arange(0.0, total.item(), 0.2):
-        progress, _ = project_onto_path(path, point_at(path, arc) + lateral, progress)
+        progress, _ = project_onto_path(
+            path, point_at(path, arc) + lateral, progress, backend=backend
+        )
         assert (progress - arc).abs() < 0.1
     aside = torch.tensor([0.02, 0.02])  # halfway, beside the crossing, on the other branch
-    assert (project_onto_path(path, aside, total / 2 - 0.2).progress - total / 2).abs() < 0.1
+    kept = project_onto_path(path, aside, total / 2 - 0.2, backend=backend).progress
+    assert (kept - total / 2).abs() < 0.1
     assert project_onto_path(path, aside).progress < 0.1  # without the window it does jump
 
 
-def test_point_at_walks_the_polyline():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_point_at_walks_the_polyline(backend):
     path = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
     arcs = torch.tensor([-1.0, 0.0, 0.25, 1.0, 2.0, 3.0, 9.0])
     expected = [[0, 0], [0, 0], [0.25, 0], [1, 0], [1, 1], [1, 2], [1, 2]]
-    torch.testing.assert_close(point_at(path, arcs), torch.tensor(expected, dtype=torch.float32))
-    torch.testing.assert_close(point_at(path, arcs[2]), torch.tensor([0.25, 0.0]))
+    torch.testing.assert_close(
+        point_at(path, arcs, backend), torch.tensor(expected, dtype=torch.float32)
+    )
+    torch.testing.assert_close(point_at(path, arcs[2], backend), torch.tensor([0.25, 0.0]))
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("repeats", [1, 50])
-def test_padding_with_the_goal_changes_nothing(repeats):
+def test_padding_with_the_goal_changes_nothing(repeats, backend):
     path, generator = random_path(7, batch=(16,))
     padded = torch.cat([path, path[:, -1:].expand(-1, repeats, -1)], dim=1)
     position = torch.randn(16, 2, generator=generator, dtype=torch.float64)
     previous = torch.linspace(0, 2, 16).double() * path_length(path)
     for start in (None, previous):
-        plain = project_onto_path(path, position, start)
-        same = project_onto_path(padded, position, start)
+        plain = project_onto_path(path, position, start, backend=backend)
+        same = project_onto_path(padded, position, start, backend=backend)
         torch.testing.assert_close(plain, same)
     arcs = torch.linspace(0, 1.2, 16).double() * path_length(path)
-    torch.testing.assert_close(point_at(path, arcs), point_at(padded, arcs))
+    torch.testing.assert_close(point_at(path, arcs, backend), point_at(padded, arcs, backend))
     torch.testing.assert_close(path_length(path), path_length(padded))
 
 
-def test_path_of_one_repeated_point():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_path_of_one_repeated_point(backend):
     path = torch.ones(5, 2)
-    progress, distance = project_onto_path(path, torch.zeros(2), torch.tensor(3.0))
-    assert progress == 0.0 and distance == pytest.approx(math.sqrt(2))
-    assert (point_at(path, torch.tensor([0.0, 1.0])) == 1.0).all()
+    progress, distance = project_onto_path(path, torch.zeros(2), torch.tensor(3.0), backend=backend)
+    assert progress == 0.0
+    assert distance == pytest.approx(math.sqrt(2))
+    assert (point_at(path, torch.tensor([0.0, 1.0]), backend) == 1.0).all()
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3), (0,)])
-def test_any_batch_shape(batch):
+def test_any_batch_shape(batch, backend):
     path, _ = random_path(0, batch)
-    progress, distance = project_onto_path(path, torch.zeros(*batch, 2).double())
+    progress, distance = project_onto_path(path, torch.zeros(*batch, 2).double(), backend=backend)
     assert progress.shape == distance.shape == batch
-    assert point_at(path, progress).shape == (*batch, 2)
-    assert point_at(path, progress.unsqueeze(-1).expand(*batch, 4)).shape == (*batch, 4, 2)
+    assert point_at(path, progress, backend).shape == (*batch, 2)
+    assert point_at(path, progress.unsqueeze(-1).expand(*batch, 4), backend).shape == (*batch, 4, 2)
 
 
 @pytest.mark.parametrize(
@@ -117,6 +140,7 @@ def test_any_batch_shape(batch):
     [
         (lambda path: project_onto_path(path[:1], torch.zeros(2)), "P >= 2"),
         (lambda path: project_onto_path(path, torch.zeros(3)), "position"),
+        (lambda path: project_onto_path(path, torch.zeros(5, 2)), "position.*batch"),
         (lambda path: project_onto_path(path, torch.zeros(2), None, 0.0), "ahead.*0.0"),
         (lambda path: project_onto_path(path, torch.zeros(2), None, 1.0, -1.0), "behind.*-1"),
         (lambda path: point_at(path, torch.zeros(1, 2)), "arc must have shape"),

@@ -46,11 +46,13 @@ def test_loses_no_near_obstacle():
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_what_is_no_return_is_the_maximum(miss, backend):
     pooled = min_pool(torch.full((4,), miss), group_size=2, backend=backend)
-    assert (pooled.ranges == MAX).all() and not pooled.returns.any()
+    assert (pooled.ranges == MAX).all()
+    assert not pooled.returns.any()
     assert pooled.points.isfinite().all()
     ranges = torch.tensor([1.0, miss, miss, 2.0])  # it leaves its neighbour's reading alone
     pooled = min_pool(ranges, group_size=2, backend=backend)
-    assert pooled.ranges.tolist() == [1.0, 2.0] and pooled.returns.all()
+    assert pooled.ranges.tolist() == [1.0, 2.0]
+    assert pooled.returns.all()
 
 
 def test_a_hit_just_below_the_maximum_is_a_return():
@@ -59,13 +61,16 @@ def test_a_hit_just_below_the_maximum_is_a_return():
 
 def test_first_bin_looks_ahead_and_bins_turn_left():
     points = min_pool(torch.ones(1440)).points
-    assert points[0, 0] > 0.99 and points[45, 1] > 0.99 and points[90, 0] < -0.99
+    assert points[0, 0] > 0.99
+    assert points[45, 1] > 0.99
+    assert points[90, 0] < -0.99
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (2, 3), (0,)])
 def test_any_batch_shape(shape):
     pooled = min_pool(torch.rand(*shape, 16), group_size=4)
-    assert pooled.ranges.shape == (*shape, 4) and pooled.points.shape == (*shape, 4, 2)
+    assert pooled.ranges.shape == (*shape, 4)
+    assert pooled.points.shape == (*shape, 4, 2)
     assert pooled.points.dtype == torch.float32
 
 

@@ -49,6 +49,8 @@ class TransformContract:
 
     # Whether all outputs follow from inputs of the same time.
     is_memoryless = True
+    # Entries that a step reads from its caller, if there are any.
+    state_keys = ()
     # Between batches of another size; torch rounds differently at the tail of its vectors.
     tolerance = 0.0
 
@@ -91,7 +93,8 @@ class TransformContract:
 
     def test_rollout_with_ragged_resets(self):
         rollout = self.rollout(num_steps=30)
-        assert rollout["next", "done"].any() and not rollout["next", "done"].all()
+        assert rollout["next", "done"].any()
+        assert not rollout["next", "done"].all()
         self.check_rollout(rollout)
 
     def test_partial_reset_leaves_other_rows_alone(self):
@@ -140,6 +143,27 @@ class TransformContract:
         assert_same(rollouts[0], rollouts[1], keys, self.tolerance)
         self.check_rollout(rollouts[0])
 
+    def test_workers_step_from_the_callers_state(self):
+        """Not from their own last step: planning and replayed states need it."""
+        if not self.state_keys:
+            return
+        results = []
+        for kind in (SerialEnv, ParallelEnv):
+            env = kind(2, partial(make_env, self.steps()), **_fast_start(kind))
+            env.set_seed(1)
+            root = env.reset()
+            for key in self.state_keys:
+                state = root[key]
+                root[key] = ~state if state.dtype == torch.bool else state + 0.5
+            root["action"] = torch.zeros(2, 4, 2)
+            results.append((root, env.step(root.clone())["next"]))
+            env.close(raise_if_closed=False)
+        for root, following in results:
+            data = root.reshape(8).select(*self.state_keys)
+            data["next"] = following.reshape(8).exclude(*self.make().out_keys)
+            expected = self.make()._step(data, data["next"])
+            assert_same(following.reshape(8), expected, self.make().out_keys, self.tolerance)
+
     def test_replay_buffer_restores_next(self):
         """What the buffer did not store is made again at sampling, as it was."""
         online = self.rollout().reshape(-1)
@@ -176,7 +200,8 @@ class TransformContract:
         for copy in (transform.clone(), pickle.loads(pickle.dumps(self.make()))):
             assert copy.parent is None
             assert_same(copy(inputs.clone()), expected, transform.out_keys)
-        assert not list(transform.parameters()) and not list(transform.buffers())
+        assert not list(transform.parameters())
+        assert not list(transform.buffers())
         env.close()
 
     @pytest.mark.parametrize("device", DEVICES)
@@ -206,9 +231,10 @@ class TransformContract:
         transform = self.make()
         with pytest.raises(ValueError, match=repr(transform.in_keys[0])):
             transform(TensorDict({"other": torch.zeros(2, 3)}, [2]))
+        keys = ["no_such_key"] * len(transform.in_keys)
+        env = make_env([*self.before(), self.make(in_keys=keys)])
         with pytest.raises(ValueError, match="no_such_key"):
-            keys = ["no_such_key"] * len(transform.in_keys)
-            _ = make_env([*self.before(), self.make(in_keys=keys)]).observation_spec
+            _ = env.observation_spec
 
     def test_keys_come_from_yaml_lists(self):
         transform = self.make()

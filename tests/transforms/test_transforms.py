@@ -57,11 +57,14 @@ class TestMinPool(TransformContract):
 
     def test_called_with_bare_tensors(self):
         pooled, points, returns = MinPool()(ranges=torch.full((2, 1440), 1.0))
-        assert pooled.shape == (2, 180) and points.shape == (2, 180, 2) and returns.all()
+        assert pooled.shape == (2, 180)
+        assert points.shape == (2, 180, 2)
+        assert returns.all()
 
 
 class TestScanHistory(TransformContract):
     is_memoryless = False
+    state_keys = (keys.POINTS, keys.RETURNS)
 
     def before(self):
         return [MinPool(group_size=4)]
@@ -120,7 +123,8 @@ class TestICPAlign(TransformContract):
 
     def test_reset_has_not_moved(self):
         root = make_env(self.steps()).reset()
-        assert root[keys.ICP_TRANSFORM].abs().max() < 1e-6 and root[keys.ICP_CONVERGED].all()
+        assert root[keys.ICP_TRANSFORM].abs().max() < 1e-6
+        assert root[keys.ICP_CONVERGED].all()
 
 
 class TestICPAlignRobust(TestICPAlign):
@@ -171,6 +175,7 @@ class TestTAGD(TransformContract):
 
 class TestWaypoints(TransformContract):
     is_memoryless = False
+    state_keys = (keys.PATH_PROGRESS,)
 
     def make(self, **kwargs):
         return Waypoints(**kwargs)
@@ -185,7 +190,8 @@ class TestWaypoints(TransformContract):
     def check_rollout(self, rollout):
         progress = rollout[keys.PATH_PROGRESS]
         following = rollout["next", keys.PATH_PROGRESS]
-        assert (following >= progress).all() and (following <= progress + 1.0 + 1e-5).all()
+        assert (following >= progress).all()
+        assert (following <= progress + 1.0 + 1e-5).all()
         done = rollout["next", "done"][..., :-1, :]
         torch.testing.assert_close(progress[..., 1:, :][~done], following[..., :-1, :][~done])
         world = se2.transform_points(rollout[keys.POSE], rollout[keys.WAYPOINTS])
@@ -198,7 +204,8 @@ class TestWaypoints(TransformContract):
         root[keys.PATH_PROGRESS] = torch.full((4, 1), 100.0)
         mask = torch.tensor([[True], [True], [False], [False]])
         after = env.reset(root.clone().set("_reset", mask))[keys.PATH_PROGRESS]
-        assert (after[:2] < 10.0).all() and (after[2:] == 100.0).all()
+        assert (after[:2] < 10.0).all()
+        assert (after[2:] == 100.0).all()
 
     def test_step_without_progress_is_an_error_that_says_so(self):
         env = make_env([Waypoints()])
@@ -246,7 +253,7 @@ class TestCompose:
         assert [type(step) for step in chain] == [MinPool, Normalize]
 
     def test_names_what_is_no_transform(self):
-        with pytest.raises(ValueError, match="'pool'.*42"):
+        with pytest.raises(ValueError, match=r"'pool'.*42"):
             compose(pool=42)
 
     def test_whole_pipeline_in_one_env(self):

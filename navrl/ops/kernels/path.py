@@ -11,7 +11,7 @@ from navrl.ops.kernels.compiler import kernel
 def project_kernel(progress, distance, path, position, previous, ahead, behind):
     """Write where each position lies on its path; NaN ``previous`` searches all of it.
 
-    Arrays: progress, distance, previous [N]; path [N, P, 2]; position [N, 2]; all float32.
+    Arrays: progress, distance, previous [N]; path [N, P, 2]; position [N, 2].
     """
     for n in prange(path.shape[0]):
         px, py = position[n]
@@ -27,9 +27,9 @@ def project_kernel(progress, distance, path, position, previous, ahead, behind):
         for k in range(path.shape[1] - 1):
             dx, dy = path[n, k + 1, 0] - path[n, k, 0], path[n, k + 1, 1] - path[n, k, 1]
             length = math.sqrt(dx * dx + dy * dy)
-            low = max(lowest - arc, 0.0)
-            high = min(highest - arc, length)
-            if high >= low:
+            if arc + length >= lowest:
+                low = min(max(lowest - arc, 0.0), length)
+                high = max(min(highest - arc, length), low)
                 ox, oy = px - path[n, k, 0], py - path[n, k, 1]
                 along = (ox * dx + oy * dy) / max(length, 1e-9)
                 along = min(max(along, low), high)
@@ -46,7 +46,7 @@ def project_kernel(progress, distance, path, position, previous, ahead, behind):
 
 @kernel
 def points_at_kernel(points, path, arcs):
-    """Write the points [N, K, 2] at ``arcs`` [N, K] along each path [N, P, 2]; K may be unsorted."""
+    """Write the points [N, K, 2] at ``arcs`` [N, K], in any order, along paths [N, P, 2]."""
     last = path.shape[1] - 1
     for n in prange(path.shape[0]):
         for j in range(arcs.shape[1]):
