@@ -12,22 +12,30 @@ from navrl.ops.pooling import RETURN_MARGIN_M, Bearing, beam_offsets, bin_centre
 
 
 @kernel
-def min_pool_kernel(ranges, directions, bearing_rows, limit, max_range, nearest, points, returns):
+def min_pool_kernel(ranges, directions, is_per_beam, limit, max_range, nearest, points, returns):
     """Pool the beams of each scan [S, beams] into bins, in the dtype of ``ranges``.
 
-    A bin's point is drawn along row ``bearing_rows[winning beam]`` of ``directions``, or along its
-    own row if it has no return.
+    ``directions`` are those of the bins [bins, 2], and after them, if a point is to be drawn along
+    the beam that measured it, those of the beams [beams, 2].
     """
-    num_bins, size = nearest.shape[1], ranges.shape[1] // nearest.shape[1]
+    num_beams, num_bins = ranges.shape[1], nearest.shape[1]
+    size = num_beams // num_bins
     for n in prange(ranges.shape[0]):
+        scan = ranges[n]
+        cleaned = np.empty_like(scan)
+        for beam in range(num_beams):
+            is_return = (scan[beam] > 0.0) & (scan[beam] < limit)
+            cleaned[beam] = scan[beam] if is_return else max_range
         for index in range(num_bins):
             smallest, row = max_range, index
             for beam in range(index * size, (index + 1) * size):
-                reach = ranges[n, beam]
-                if reach < smallest and reach < limit and reach > 0.0:
-                    smallest, row = reach, bearing_rows[beam]
-            nearest[n, index] = smallest
-            returns[n, index] = smallest < max_range
+                smallest = cleaned[beam] if cleaned[beam] < smallest else smallest
+            is_return = smallest < max_range
+            if is_per_beam and is_return:
+                row = num_bins + index * size
+                while scan[row - num_bins] != smallest:
+                    row += 1
+            nearest[n, index], returns[n, index] = smallest, is_return
             points[n, index, 0] = smallest * directions[row, 0]
             points[n, index, 1] = smallest * directions[row, 1]
 
@@ -35,16 +43,14 @@ def min_pool_kernel(ranges, directions, bearing_rows, limit, max_range, nearest,
 @functools.lru_cache(maxsize=16)
 def _directions(
     num_beams: int, group_size: int, bearing: Bearing, dtype: torch.dtype
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return directions [bins (+ beams), 2] and the row that each beam is drawn along [beams]."""
-    beam = torch.arange(num_beams)
+) -> np.ndarray:
+    """Return the directions [bins (+ beams), 2] that :func:`min_pool_kernel` reads."""
     angle = bin_centres(num_beams, group_size, dtype)
-    rows = beam // group_size
     if bearing == "beam":
+        beam = torch.arange(num_beams)
         offset = beam_offsets(beam % group_size, num_beams, group_size, dtype)
-        angle = torch.cat((angle, angle[rows] + offset))
-        rows = beam + num_beams // group_size
-    return torch.stack((angle.cos(), angle.sin()), dim=-1).numpy(), rows.numpy()
+        angle = torch.cat((angle, angle[beam // group_size] + offset))
+    return torch.stack((angle.cos(), angle.sin()), dim=-1).numpy()
 
 
 def min_pool_cpu(
@@ -60,7 +66,8 @@ def min_pool_cpu(
     real = beams.dtype.type
     min_pool_kernel(
         beams,
-        *_directions(num_beams, group_size, bearing, ranges.dtype),
+        _directions(num_beams, group_size, bearing, ranges.dtype),
+        bearing == "beam",
         real(max_range - RETURN_MARGIN_M),
         real(max_range),
         nearest.numpy(),
