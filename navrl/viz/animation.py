@@ -10,17 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrow
-from PIL import Image
 
 from navrl.evaluation.recording import Recording
+from navrl.viz.gif import write_gif
+from navrl.viz.legend import add_legend
 from navrl.viz.scene import (
     ATTENTIONS,
-    ArrowHandle,
     attention_scale,
     closest_step,
     draw_scene,
-    legend_handles,
+    frame_scene,
     scene_limits,
 )
 from navrl.viz.style import BLUE, GREY, VERMILLION, save_figure, style
@@ -32,8 +31,7 @@ _OUTCOMES = {
     "timeout": "time is up",
 }
 _GIF_INCHES, _GIF_DPI = 4.8, 100  # 480 px wide
-_GIF_COLORS = 96
-_HOLD_S = 1.6  # s for which the last frame stays
+_HOLD_S = 1.5  # s for which the last frame stays longer
 
 
 def save_png(recording: Recording, file: str | Path, step: int | None = None) -> Path:
@@ -62,7 +60,7 @@ def save_png(recording: Recording, file: str | Path, step: int | None = None) ->
             draw_scene(axes, recording, step, [name])
             axes.set_title(f"{name} attention")
             _color_bar(scenes, axes, recording, name, "bottom" if not stacked else "right")
-        _legend(scenes, recording, columns=4 if stacked else 7)
+        add_legend(scenes, recording, columns=5)
         figure.suptitle(_headline(recording, step), fontsize=10)
         _draw_commands(below.subplots(), recording, step)
         return save_figure(figure, file)
@@ -89,7 +87,9 @@ def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
     columns = min(2 if stacked else 3, len(steps))
     rows = -(-len(steps) // columns)
     with style():
-        figure = Figure((columns * width * 0.7 + 0.3, rows * height * 0.7 + 0.8), layout="constrained")
+        figure = Figure(
+            (columns * width * 0.7 + 0.3, rows * height * 0.7 + 0.8), layout="constrained"
+        )
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, step in zip(panels.flat, steps, strict=False):
             draw_scene(axes, recording, int(step), descriptors=False)
@@ -97,7 +97,7 @@ def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
             axes.label_outer()
         for axes in panels.flat[len(steps) :]:
             axes.set_visible(False)
-        _legend(figure, recording, columns=6, attention=(), descriptors=False)
+        add_legend(figure, recording, columns=6, attention=(), descriptors=False)
         figure.suptitle(_OUTCOMES.get(recording.outcome, recording.outcome), fontsize=10)
         return save_figure(figure, file)
 
@@ -121,37 +121,38 @@ def save_gif(recording: Recording, file: str | Path, fps: float | None = None) -
         raise ValueError(f"file={file}: must end in .gif")
     if not 0 < fps <= 50:
         raise ValueError(f"fps={fps}: must be above 0 and at most 50")
-    frames = [Image.fromarray(frame) for frame in render_frames(recording)]
-    palette = _shared_palette(frames)
-    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    duration = [round(1000 / fps)] * len(frames)
-    duration[-1] = round(1000 * _HOLD_S)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    frames[0].save(
-        file, save_all=True, append_images=frames[1:], duration=duration, loop=0, optimize=False
-    )
-    return file
+    return write_gif(list(render_frames(recording)), file, 1.0 / fps, _HOLD_S)
 
 
 def render_frames(recording: Recording) -> Iterator[np.ndarray]:
     """Yield a picture ``[H, W, 3]`` uint8 of each of the T + 1 moments, all of one size."""
     (left, right), (bottom, top) = scene_limits(recording)
-    scene_height = min(max((_GIF_INCHES - 0.6) * (top - bottom) / (right - left), 1.6), 5.0)
+    width = _GIF_INCHES - 0.65
+    height = min(width * (top - bottom) / (right - left), 4.8)
+    size = _GIF_INCHES, height + 2.5
     with style():
-        figure = Figure((_GIF_INCHES, scene_height + 2.4), dpi=_GIF_DPI, layout="constrained")
+        figure = Figure(size, dpi=_GIF_DPI)
         canvas = FigureCanvasAgg(figure)
-        scenes, below = figure.subfigures(2, 1, height_ratios=[scene_height + 1.2, 1.2])
-        scene, commands = scenes.subplots(), below.subplots()
-        _legend(scenes, recording, columns=3)
+        place = _share(size, 0.5, 2.2, width, height)
+        commands = figure.add_axes(_share(size, 0.5, 0.45, width - 0.35, 0.75))
+        frame_scene(figure.add_axes(place), recording)
+        caption = figure.add_subfigure(figure.add_gridspec(1, 1)[0], facecolor="none")
+        add_legend(caption, recording, columns=3, loc="lower center")
+        caption.legends[0].set_bbox_to_anchor((0.5, 1.22 / size[1]), caption.transSubfigure)
         _draw_commands(commands, recording, None)
+        canvas.draw()
+        still = canvas.copy_from_bbox(figure.bbox)  # what is the same in all frames: most of it
+        scene = figure.add_axes(place)
         now = commands.axvline(0.0, color=GREY, linewidth=1.0)
         for step in range(recording.num_steps + 1):
             scene.clear()
             draw_scene(scene, recording, step, list(ATTENTIONS))
+            scene.set_axis_off()
             scene.set_title(_headline(recording, step))
             now.set_xdata([step * recording.time_step_s] * 2)
-            canvas.draw()
-            figure.set_layout_engine("none")  # what is laid out once stays in place
+            canvas.restore_region(still)
+            figure.draw_artist(scene)
+            commands.draw_artist(now)
             yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
@@ -168,26 +169,10 @@ def _panel_size(recording: Recording) -> tuple[float, float, bool]:
 
 
 def _headline(recording: Recording, step: int) -> str:
-    text = f"t = {step * recording.time_step_s:.1f} s"
+    text = f"t = {step * recording.time_step_s:.1f} s (step {step} of {recording.num_steps})"
     if step == recording.num_steps:
         text += f", {_OUTCOMES.get(recording.outcome, recording.outcome)}"
     return text
-
-
-def _legend(
-    figure: Figure,
-    recording: Recording,
-    columns: int,
-    attention: tuple[str, ...] = tuple(ATTENTIONS),
-    descriptors: bool = True,
-) -> None:
-    figure.legend(
-        handles=legend_handles(recording, attention, descriptors),
-        handler_map={FancyArrow: ArrowHandle()},
-        loc="outside lower center",
-        ncols=columns,
-        columnspacing=1.2,
-    )
 
 
 def _color_bar(figure: Figure, axes: Axes, recording: Recording, name: str, location: str) -> None:
@@ -218,7 +203,7 @@ def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
         (axes, speeds[0], BLUE, "v in m/s"),
         (turn, speeds[1], VERMILLION, "w in rad/s"),
     ):
-        side.stairs(values, edges, baseline=None, color=color, linewidth=1.2)
+        side.stairs(values, edges, baseline=None, color=color, snap=False)
         side.set_ylabel(label, color=color)
         side.tick_params(axis="y", colors=color)
     limit = max(1.0, float(np.abs(speeds[1]).max()))
@@ -229,11 +214,6 @@ def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
         axes.axvline(step * recording.time_step_s, color=GREY, linewidth=1.0)
 
 
-def _shared_palette(frames: list[Image.Image]) -> Image.Image:
-    """Return a palette for all frames, so that nothing flickers and little changes between them."""
-    chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, 4).astype(int))]
-    width, height = frames[0].size
-    sheet = Image.new("RGB", (width, height * len(chosen)))
-    for row, frame in enumerate(chosen):
-        sheet.paste(frame, (0, row * height))
-    return sheet.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT)
+def _share(size: tuple[float, float], x: float, y: float, width: float, height: float) -> tuple:
+    """Return a place given in inches as shares of the figure."""
+    return x / size[0], y / size[1], width / size[0], height / size[1]

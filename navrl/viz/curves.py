@@ -1,1 +1,184 @@
-def plot_curves(): ...
+"""Learning curves from the logs of one or more training runs."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
+
+from navrl.viz.style import CYCLE, save_figure, style
+
+Series = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Panel:
+    title: str
+    unit: str
+    evaluated: str | None  # column of the evaluations, drawn with marks
+    trained: Callable[[_Log], Series]  # drawn thin where there are evaluations too
+    is_rate: bool = False
+
+
+class _Log:
+    """The columns of a ``metrics.csv``; a cell that was not logged is left out."""
+
+    def __init__(self, file: Path) -> None:
+        with file.open(newline="") as stream:
+            self._rows = list(csv.DictReader(stream))
+        if not self._rows or "frames" not in self._rows[0]:
+            raise ValueError(f"{file}: no log of a training, needs a column 'frames' and a row")
+
+    def column(self, name: str) -> Series:
+        """Return frames and values, both ``[n]``."""
+        return self.sum_of([name])
+
+    def sum_of(self, names: Sequence[str]) -> Series:
+        """Return frames and the sum of columns, where all of them were logged."""
+        logged = [row for row in self._rows if names and all(row.get(name) for name in names)]
+        frames = np.array([float(row["frames"]) for row in logged])
+        values = np.array([sum(float(row[name]) for name in names) for row in logged])
+        return frames, values
+
+    def names(self, prefix: str) -> list[str]:
+        """Return the columns whose names start so."""
+        return [name for name in self._rows[0] if name.startswith(prefix)]
+
+
+def plot_curves(
+    csv_files: Sequence[str | Path], out: str | Path, labels: Sequence[str] | None = None
+) -> list[Path]:
+    """Draw how training went, as PNG and as SVG.
+
+    Rates of each outcome, the curriculum's number of pedestrians, reward, and what the critic says,
+    over environment steps. Evaluations are lines with marks, training episodes (with exploration)
+    are thin lines. Runs of one label are seeds of one setting: each is drawn, pale, and their mean
+    over the frames that all reached.
+
+    Args:
+        csv_files: The trainer's ``metrics.csv`` of each run.
+        out: File without suffix, or with one that is replaced.
+        labels: Name of each run; its folder's if ``None``.
+
+    Returns:
+        The two files.
+
+    Raises:
+        FileNotFoundError: If a log does not exist.
+        ValueError: If there is no log, one is empty or of something else, or the number of labels
+            is not that of logs.
+    """
+    files = [Path(file) for file in csv_files]
+    labels = [file.resolve().parent.name for file in files] if labels is None else list(labels)
+    if not files or len(labels) != len(files):
+        raise ValueError(f"need one label a log and at least one: {len(labels)}, {len(files)}")
+    groups: dict[str, list[_Log]] = {}
+    for label, file in zip(labels, files, strict=True):
+        groups.setdefault(label, []).append(_Log(file))
+    with style():
+        figure = Figure((11.0, 5.2), layout="constrained")
+        for axes, panel in zip(figure.subplots(2, 4).flat, _PANELS, strict=True):
+            for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True):
+                _draw(axes, panel, logs, label, color)
+            _finish(axes, panel)
+        _add_key(figure, groups)
+        out = Path(out)
+        return [save_figure(figure, out.with_suffix(suffix)) for suffix in (".png", ".svg")]
+
+
+def _rate(title: str, outcome: str) -> _Panel:
+    column = f"{outcome}_rate"
+    return _Panel(
+        title,
+        "share of episodes",
+        f"evaluation/{column}",
+        lambda log: log.column(f"train/{column}"),
+        is_rate=True,
+    )
+
+
+_PANELS = (
+    _rate("success", "success"),
+    _rate("collision with a pedestrian", "collision_pedestrian"),
+    _rate("collision with a wall", "collision_static"),
+    _rate("timeout", "timeout"),
+    _Panel(
+        "curriculum",
+        "dynamic pedestrians, at most",
+        None,
+        lambda log: log.column("train/max_dynamic"),
+    ),
+    _Panel("reward", "mean of a step", None, lambda log: log.sum_of(log.names("reward/"))),
+    _Panel("action value Q", "mean of a batch", None, lambda log: log.column("learn/q_mean")),
+    _Panel("critic loss", "mean of a batch", None, lambda log: log.column("learn/loss_critic")),
+)
+
+
+def _draw(axes: Axes, panel: _Panel, logs: Sequence[_Log], label: str, color: str) -> None:
+    steps = "steps-post" if panel.title == "curriculum" else "default"
+    trained = [panel.trained(log) for log in logs]
+    if panel.evaluated is None:
+        _draw_seeds(axes, trained, label, {"color": color, "drawstyle": steps})
+        return
+    for series in trained:
+        axes.plot(*series, color=color, linewidth=0.6, alpha=0.5)
+    evaluated = [log.column(panel.evaluated) for log in logs]
+    _draw_seeds(axes, evaluated, label, {"color": color, "marker": "o", "markersize": 2.5})
+
+
+def _draw_seeds(axes: Axes, seeds: Sequence[Series], label: str, look: dict) -> None:
+    seeds = [series for series in seeds if len(series[0])]
+    if len(seeds) < 2:
+        for series in seeds:
+            axes.plot(*series, label=label, **look)
+        return
+    for frames, values in seeds:
+        axes.plot(frames, values, **{**look, "linewidth": 0.6, "alpha": 0.5, "marker": ""})
+    last = min(frames[-1] for frames, _ in seeds)
+    common = np.unique(np.concatenate([frames for frames, _ in seeds]))
+    common = common[(common <= last) & (common >= max(frames[0] for frames, _ in seeds))]
+    mean = np.mean([np.interp(common, *series) for series in seeds], axis=0)
+    axes.plot(common, mean, label=label, **look)
+
+
+def _finish(axes: Axes, panel: _Panel) -> None:
+    axes.set(title=panel.title, ylabel=panel.unit, xlabel="environment steps")
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlim(left=0.0)
+    if panel.is_rate:
+        axes.set_ylim(-0.02, 1.02)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    if panel.title == "curriculum":
+        axes.set_ylim(bottom=0.0)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _add_key(figure: Figure, groups: dict[str, list[_Log]]) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D(
+            [], [], color=color, label=label if len(logs) == 1 else f"{label} ({len(logs)} seeds)"
+        )
+        for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True)
+    ]
+    handles.append(
+        Line2D(
+            [], [], color="black", marker="o", markersize=2.5, label="evaluation, no exploration"
+        )
+    )
+    handles.append(
+        Line2D([], [], color="black", linewidth=0.6, alpha=0.5, label="training, with exploration")
+    )
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
+
+
+def _colors(count: int) -> list[str]:
+    return [CYCLE[i % len(CYCLE)] for i in range(count)]

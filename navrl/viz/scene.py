@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
 from matplotlib.colors import Normalize
-from matplotlib.legend_handler import HandlerPatch
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyArrow, Patch, Polygon, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 
 from navrl.evaluation.recording import Recording
 from navrl.viz.style import (
@@ -62,7 +61,7 @@ def draw_scene(
     unknown = [name for name in attention if name not in ATTENTIONS]
     if unknown:
         raise ValueError(f"attention={unknown[0]!r}: must be one of {', '.join(ATTENTIONS)}")
-    _frame(axes, recording)
+    frame_scene(axes, recording)
     if SPATIAL in attention:
         _draw_spatial_attention(axes, recording, step)
     _draw_map(axes, recording)
@@ -73,6 +72,13 @@ def draw_scene(
     _draw_robot(axes, recording, step)
     if descriptors:
         _draw_descriptors(axes, recording, step)
+
+
+def frame_scene(axes: Axes, recording: Recording) -> None:
+    """Make axes metric, with equal units, and wide enough for the whole episode."""
+    x, y = scene_limits(recording)
+    axes.set(xlim=x, ylim=y, xlabel="x in m", ylabel="y in m")
+    axes.set_aspect("equal")
 
 
 def attention_scale(recording: Recording, name: str) -> Normalize | None:
@@ -109,55 +115,7 @@ def closest_step(recording: Recording) -> int:
     return int(np.nanargmin(distance) // distance.shape[1])
 
 
-def legend_handles(
-    recording: Recording, attention: Sequence[str] = (), descriptors: bool = True
-) -> list[Line2D | Patch]:
-    """Return an entry for each thing that :func:`draw_scene` draws."""
-    handles = [
-        Line2D([], [], color=GREY, linestyle="--", linewidth=1.0, label="global path"),
-        Patch(facecolor="none", edgecolor=GREEN, linewidth=1.2, label="goal"),
-        Patch(facecolor=PURPLE, edgecolor=BLACK, linewidth=0.6, label="robot and its way"),
-        Patch(facecolor=ORANGE, edgecolor=BLACK, linewidth=0.6, label="pedestrian, past 2 s"),
-        FancyArrow(0, 0, 1, 0, color=ORANGE, label="velocity, 1 s ahead"),
-        Line2D([], [], color=BLACK, linestyle="", marker=".", markersize=3, label="lidar point"),
-    ]
-    if descriptors and recording.tagd is not None:
-        handles.append(FancyArrow(0, 0, 1, 0, color=GREEN, label="TAGD, $c_{t-1}$ to $c_t$"))
-    if SPATIAL in attention and recording.spatial_attention is not None:
-        handles.append(Patch(color=SPATIAL_COLORS(0.7), label="spatial attention"))
-    if TEMPORAL in attention and recording.temporal_attention is not None:
-        color = TEMPORAL_COLORS(0.6)
-        handles.append(Line2D([], [], color=color, linewidth=2, label="temporal attention"))
-    return handles
-
-
-class ArrowHandle(HandlerPatch):
-    """Draws an arrow in a legend."""
-
-    def create_artists(self, legend, handle, x, y, width, height, fontsize, transform):
-        """Return the arrow that stands for ``handle``."""
-        arrow = FancyArrow(
-            x,
-            y + height / 2,
-            width,
-            0,
-            length_includes_head=True,
-            head_width=height * 0.8,
-            head_length=height * 0.8,
-            width=height * 0.15,
-        )
-        self.update_prop(arrow, handle, legend)
-        arrow.set_transform(transform)
-        return [arrow]
-
-
 # --- layers, from the lowest ---------------------------------------------------------------------
-
-
-def _frame(axes: Axes, recording: Recording) -> None:
-    x, y = scene_limits(recording)
-    axes.set(xlim=x, ylim=y, xlabel="x in m", ylabel="y in m")
-    axes.set_aspect("equal")
 
 
 def _draw_map(axes: Axes, recording: Recording) -> None:
@@ -176,7 +134,7 @@ def _draw_spatial_attention(axes: Axes, recording: Recording, step: int) -> None
     ranges, pose = recording.ranges[step], recording.pose[step]
     edges = np.linspace(0, len(ranges), len(weights) + 1).round().astype(int)
     sectors = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         # The sector's last beam is drawn up to the border, so that neighbours leave no gap.
         angle = 2 * np.pi * np.append(np.arange(first, last), last) / len(ranges)
         radius = np.append(ranges[first:last], ranges[last - 1])
@@ -188,8 +146,9 @@ def _draw_spatial_attention(axes: Axes, recording: Recording, step: int) -> None
             array=weights,
             cmap=SPATIAL_COLORS,
             norm=attention_scale(recording, SPATIAL),
-            alpha=0.85,
-            linewidths=0,
+            alpha=0.8,
+            edgecolors="white",
+            linewidths=0.3,
             zorder=1.5,
         )
     )
@@ -233,12 +192,13 @@ def _draw_scan(axes: Axes, recording: Recording, step: int) -> None:
 def _draw_pedestrians(axes: Axes, recording: Recording, step: int) -> None:
     boxes = recording.pedestrian_boxes
     first = max(0, step - round(TRAIL_S / recording.time_step_s))
-    nearby = slice(step - 1, step + 1) if step > 0 else slice(0, 2)
-    velocity = np.diff(boxes[nearby, :, :2], axis=0)[0] / recording.time_step_s
+    # A contact stops the clock within the last step: that one would show people too slow.
+    now = min(max(step, 1), max(recording.num_steps - 1, 1))
+    velocity = (boxes[now, :, :2] - boxes[now - 1, :, :2]) / recording.time_step_s
     present = np.isfinite(boxes[step, :, 0])
     moving = present & (np.linalg.norm(velocity, axis=-1) > _MOVING_M_S)
     for k in np.flatnonzero(moving):
-        axes.plot(*boxes[first : step + 1, k, :2].T, color=ORANGE, linewidth=1.2, zorder=3)
+        axes.plot(*boxes[first : step + 1, k, :2].T, color=ORANGE, alpha=0.5, zorder=3)
     patches = [
         Rectangle(
             (cx - hx, cy - hy), 2 * hx, 2 * hy, angle=np.degrees(yaw), rotation_point="center"
@@ -281,8 +241,8 @@ def _arrows(axes: Axes, start: np.ndarray, vector: np.ndarray, color: str, zorde
             angles="xy",
             scale_units="xy",
             scale=1.0,
-            units="dots",
-            width=axes.figure.dpi * 1.1 / 72,
+            units="inches",
+            width=1.2 / 72,
             headwidth=4.5,
             headlength=4.5,
             headaxislength=4.0,

@@ -20,11 +20,13 @@ GREY = "#7F7F7F"
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 """Okabe and Ito's palette; yellow is left out of lines, being too pale on white."""
 
-SPATIAL_COLORS = LinearSegmentedColormap.from_list("spatial", ["#FFFFFF", SKY, BLUE, "#00365A"])
-TEMPORAL_COLORS = LinearSegmentedColormap.from_list("temporal", ["#FFF1E8", VERMILLION, "#8A1C00"])
+SPATIAL_COLORS = LinearSegmentedColormap.from_list("spatial", ["#FFFFFF", SKY, BLUE])
+TEMPORAL_COLORS = LinearSegmentedColormap.from_list("temporal", ["#FFF1E8", VERMILLION, "#A01C00"])
 
 _RC = {
     "figure.dpi": 100,
+    "lines.linewidth": 1.2,
+    "legend.handlelength": 2.2,
     "savefig.dpi": 200,
     "font.size": 8,
     "axes.titlesize": 9,
