@@ -15,7 +15,7 @@ import hydra
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, InstantiationException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 CONF_DIR = next(
@@ -47,6 +47,12 @@ def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:
 def instantiate(node: Any, **kwargs: Any) -> Any:
     """Call a node's ``_target_``; lists and dicts below it are plain Python ones."""
     return hydra.utils.instantiate(node, _convert_="all", **kwargs)
+
+
+def set_default(cfg: DictConfig, key: str, value: Any) -> None:
+    """Put a value or a whole node into a composed config, replacing what is there."""
+    with open_dict(cfg):
+        cfg[key] = value
 
 
 def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:

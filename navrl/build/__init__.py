@@ -7,7 +7,7 @@ from navrl.build.environment import (
     make_pool,
     set_threads,
 )
-from navrl.build.evaluation import Contender, bundle_folder, make_contender, run_evaluation
+from navrl.build.evaluation import Contender, bundle_folder, make_contender, record, run_evaluation
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "make_pool",
     "make_trainer",
     "observation_shapes",
+    "record",
     "run_evaluation",
     "save_policy",
     "set_threads",

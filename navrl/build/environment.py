@@ -17,16 +17,26 @@ from navrl.envs.gymnasium import GymnasiumNavigation
 from navrl.worlds import ScenarioPool, Suite
 
 
-def set_threads(count: int) -> None:
-    """Let torch use ``count`` CPU threads.
+def num_threads(cfg: DictConfig) -> int:
+    """Return ``cfg.num_threads``, or the number of cores if it is null.
 
     Raises:
-        ValueError: If ``count`` is not between 1 and the number of cores.
+        ValueError: If it is not between 1 and the number of cores.
     """
-    limit = os.cpu_count() or 1
-    if not 1 <= count <= limit:
-        raise ValueError(f"num_threads={count}: must be between 1 and {limit} on this machine")
-    torch.set_num_threads(count)  # the compiled kernels follow torch
+    cores = os.cpu_count() or 1
+    count = cores if cfg.num_threads is None else cfg.num_threads
+    if not 1 <= count <= cores:
+        raise ValueError(f"num_threads={count}: must be between 1 and {cores} on this machine")
+    return count
+
+
+def set_threads(cfg: DictConfig) -> None:
+    """Let torch use the configured number of threads; the compiled kernels follow torch.
+
+    Raises:
+        ValueError: See :func:`num_threads`.
+    """
+    torch.set_num_threads(num_threads(cfg))
     torch.set_flush_denormal(True)  # vanishing gradients otherwise slow products tenfold
 
 
@@ -79,7 +89,7 @@ def make_pool(
     key = hashlib.sha256(
         f"{name} {suite.seed} {suite.num_episodes} {OmegaConf.to_yaml(cfg.scenario)}".encode()
     ).hexdigest()[:16]
-    return ScenarioPool(suite, cfg.num_threads, _cache_folder() / "pools" / f"{key}.npz")
+    return ScenarioPool(suite, num_threads(cfg), _cache_folder() / "pools" / f"{key}.npz")
 
 
 def _cache_folder() -> Path:

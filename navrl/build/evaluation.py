@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +11,10 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 from tqdm import tqdm
 
-from navrl.build.environment import make_env, make_navigation_env
+from navrl.build.environment import make_env, make_navigation_env, num_threads
 from navrl.config import CONF_DIR, instantiate
 from navrl.evaluation import evaluate, summarize, write_results
+from navrl.evaluation.recording import Recording, record_episode
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.worlds import ScenarioBatch
 
@@ -62,12 +63,9 @@ def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contende
         return _controller(cfg)
     bundle = load_bundle(folder, cfg.allow)
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
-    changed = OmegaConf.merge(
-        {part: bundle.config[part] for part in ("transforms", "lidar", "robot")}, cfg.change
-    )
-    local = OmegaConf.merge(cfg, {"lidar": changed.lidar, "robot": changed.robot})
-    local.transforms = changed.transforms
-    return Contender(folder.name, actor, _environment(local))
+    own = {part: bundle.config[part] for part in ("transforms", "lidar", "robot")}
+    name = folder.name if folder.name != "policy" else folder.parent.name
+    return Contender(name, actor, _environment(_replaced(cfg, OmegaConf.merge(own, cfg.change))))
 
 
 def _controller(cfg: DictConfig) -> Contender:
@@ -78,8 +76,17 @@ def _controller(cfg: DictConfig) -> Contender:
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
         )
-    local = OmegaConf.merge(cfg, {"controller": OmegaConf.load(file)})
+    local = _replaced(cfg, {"controller": OmegaConf.load(file)})
     return Contender(cfg.policy, instantiate(local.controller), _environment(local))
+
+
+def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
+    """Return a copy of ``cfg`` with whole nodes replaced, not merged into what was there."""
+    copy = cfg.copy()
+    OmegaConf.set_struct(copy, False)
+    for name, node in parts.items():
+        copy[name] = node
+    return copy
 
 
 def _environment(cfg: DictConfig) -> TransformedEnv:
@@ -95,7 +102,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     """
     contender = make_contender(cfg)
     suite = instantiate(cfg.suite)
-    scenarios = suite.scenarios(num_workers=cfg.num_threads)
+    scenarios = suite.scenarios(num_workers=num_threads(cfg))
     with tqdm(total=len(scenarios), unit="episode", disable=not cfg.progress_bar) as bar:
         records = evaluate(
             contender.env, contender.policy, ScenarioBatch.pack(scenarios), on_chunk=bar.update
@@ -110,3 +117,17 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     )
     write_results(folder, records, summary)
     return summary
+
+
+def record(cfg: DictConfig) -> Recording:
+    """Play episode ``cfg.episode`` of ``cfg.suite`` with ``cfg.policy`` and keep all of it.
+
+    Raises:
+        ValueError: If the suite has no such episode.
+    """
+    scenario = instantiate(cfg.suite).scenarios([cfg.episode])[0]
+    is_bundle = bundle_folder(cfg.policy) is not None
+    contender = make_contender(cfg, with_attention=is_bundle)
+    recording = record_episode(contender.env, contender.policy, scenario)
+    contender.env.close()
+    return recording

@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> float:
     """Evaluate; return the success rate."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    build.set_threads(cfg.num_threads)
+    build.set_threads(cfg)
     summary = build.run_evaluation(cfg, folder)
     low, high = summary["success_interval"]
     log.info(

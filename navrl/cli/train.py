@@ -9,7 +9,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from navrl import build
-from navrl.config import hydra_main
+from navrl.config import compose, hydra_main, set_default
+from navrl.viz import plot_curves, save_gif, save_png
 
 log = logging.getLogger(__name__)
 
@@ -18,22 +19,51 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> float:
     """Run one training; return the best policy's success rate on the reported suite."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    if cfg.resume is not None:
-        folder, cfg = Path(cfg.resume), build.saved_config(cfg.resume)
-    else:
+    if cfg.resume is None:
         OmegaConf.save(cfg, folder / "config.yaml")
-    build.set_threads(cfg.num_threads)
-    trainer = build.make_trainer(cfg, folder)
-    progress = trainer.run()
+    else:
+        folder = Path(cfg.resume)
+        cfg = _resumed(folder)
+    build.set_threads(cfg)
+    progress = build.make_trainer(cfg, folder).run()
     log.info(
-        "trained: %d frames, %d updates, %d episodes in %.0f s",
+        "%d frames, %d updates, %d episodes in %.0f s",
         progress.frames,
         progress.updates,
         progress.episodes,
         progress.seconds,
     )
-    summary = build.report(cfg, folder)
-    log.info("results are in %s", folder)
+    return _report(cfg, folder)
+
+
+def _resumed(folder: Path) -> DictConfig:
+    """Return the configuration of the run in ``folder``."""
+    file = folder / "config.yaml"
+    if not file.is_file():
+        raise ValueError(f"resume={folder}: no run there, {file} is missing")
+    return OmegaConf.load(file)
+
+
+def _report(cfg: DictConfig, folder: Path) -> float:
+    """Evaluate the best policy, then draw its curves and one of its episodes."""
+    plot_curves([folder / "metrics.csv"], folder / "curves.png")
+    playing = compose("play")
+    for part in ("suite", "simulator", "num_threads", "environment", "progress_bar"):
+        set_default(playing, part, cfg[part])
+    set_default(playing, "policy", str(folder))
+    recording = build.record(playing)
+    recording.save(folder / "episode.npz")
+    save_gif(recording, folder / "episode.gif")
+    save_png(recording, folder / "episode.png")
+    playing.num_worlds = 100
+    summary = build.run_evaluation(playing, folder / "evaluation")
+    log.info(
+        "best policy on %s: %.1f %% success over %d episodes; everything is in %s",
+        summary["suite"],
+        100 * summary["success_rate"],
+        summary["episodes"],
+        folder,
+    )
     return summary["success_rate"]
 
 

@@ -1,0 +1,31 @@
+"""``navrl-play``: save one episode as GIF, PNG and data."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from navrl import build
+from navrl.config import hydra_main
+from navrl.viz import save_gif, save_png
+
+log = logging.getLogger(__name__)
+
+
+@hydra_main("play")
+def main(cfg: DictConfig) -> None:
+    """Record an episode and draw it."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    build.set_threads(cfg)
+    recording = build.record(cfg)
+    recording.save(folder / "episode.npz")
+    save_gif(recording, folder / "episode.gif", cfg.frames_per_s)
+    save_png(recording, folder / "episode.png")
+    log.info("%s after %d steps; %s", recording.outcome, recording.num_steps, folder)
+
+
+if __name__ == "__main__":
+    main()
