@@ -22,7 +22,7 @@ KINDS = ("corridor", "intersection", "office", "clutter")
 MODELS = ("kinematic", "wheeled")
 RANGE_BOUND = 1e-3  # m
 POSE_BOUND = 1e-4  # m and rad
-EDGE = 1e-3  # m; a beam that passes an edge this close may go to either side of it
+EDGE = 1e-3  # m; PyBullet's faces reach 1e-4 of their length beyond their edges and stop such beams
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Tally:
 
     episodes: int
     beams: int = 0
-    differing: int = 0  # beams beyond the bound, each of which grazes an edge
+    differing: int = 0  # beams beyond the bound, each of which passes an edge in grazing
     worst_range: float = 0.0  # m, of the other beams
     worst_pose: float = 0.0  # m or rad
     contacts: list[int] = field(default_factory=lambda: [0] * len(Contact))
@@ -89,11 +89,13 @@ def compare_ranges(tally, fast, checked, playing):
     error = (ranges - wanted).abs()
     differs = error > RANGE_BOUND
     for world, beam in differs.nonzero().tolist():
-        seen = min(ranges[world, beam].item(), wanted[world, beam].item())
-        assert clearance_of_corners(fast, playing[world], world, beam, seen) < EDGE, (
+        seen = wanted[world, beam].item()
+        message = (
             f"beam {beam} of world {world} grazes no edge, but reads {ranges[world, beam]:.4f} m "
-            f"in the batched simulator and {wanted[world, beam]:.4f} m in PyBullet"
+            f"in the batched simulator and {seen:.4f} m in PyBullet"
         )
+        assert seen < ranges[world, beam], message
+        assert clearance_of_corners(fast, playing[world], world, beam, seen) < EDGE, message
     tally.beams += error.numel()
     tally.differing += int(differs.sum())
     tally.worst_range = max(tally.worst_range, error[~differs].max().item())
@@ -112,7 +114,7 @@ def clearance_of_corners(simulator, scenario, world, beam, distance):
     ray = se2.compose(se2.compose(state.pose[world].double(), mount), turn)
     along, across = se2.transform_points(se2.inverse(ray), corners).unbind(-1)
     met = (along > 0.0) & (along < distance + EDGE)
-    return across[met].abs().min().item()
+    return torch.where(met, across.abs(), torch.inf).min().item()
 
 
 def check_variety(tally):
@@ -126,7 +128,7 @@ def check_variety(tally):
 @pytest.mark.parametrize("model", MODELS)
 def test_same_episodes(model):
     scenarios = [sample(kind, index) for kind in KINDS for index in range(8)]
-    tally = play_on_both(scenarios, DifferentialDrive(model=model))
+    tally = play_on_both(scenarios, DifferentialDrive(model=model), max_steps=25)
     check_variety(tally)
 
 
