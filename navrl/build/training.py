@@ -33,6 +33,7 @@ def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
 def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
     """Return the plain config that rebuilds the actor anywhere: sizes included, no references."""
     network = OmegaConf.to_container(cfg.network, resolve=True)
+    network.pop("attention", None)  # sizes that the streams refer to
     make = instantiate(cfg.network.encoder)
     needed = make(shapes=shapes).in_keys
     return {

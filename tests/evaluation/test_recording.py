@@ -8,17 +8,18 @@ import torch
 from tensordict.nn import TensorDictSequential
 
 from navrl import keys
-from navrl.build import actor_node, make_env, make_navigation_env, observation_shapes
+from navrl.build import make_env, make_navigation_env, observation_shapes
 from navrl.config import compose, instantiate
 from navrl.evaluation import evaluate
 from navrl.evaluation.recording import EpisodeRecorder, Recording, record_episode
+from navrl.networks import make_actor
 from navrl.policies.classical import PurePursuit
 from navrl.worlds import Scenario, ScenarioBatch
 
 
 @pytest.fixture(scope="module")
 def cfg():
-    return compose("train", ["scenario=corridor", "network=small"])
+    return compose("train", ["scenario=intersection", "network=small"])
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +33,14 @@ def env(cfg):
 def policy(cfg, env):
     """Pure pursuit that drives, after an untrained actor that attends."""
     torch.manual_seed(0)
-    actor = instantiate(actor_node(cfg, observation_shapes(env)), with_attention=True)
+    make_encoder = instantiate(cfg.network.encoder)
+    actor = make_actor(make_encoder, observation_shapes(env), with_attention=True)
     return TensorDictSequential(actor, PurePursuit(env.base_env.simulator.robot))
 
 
 @pytest.fixture(scope="module")
 def scenario(cfg):
-    return instantiate(cfg.scenario).sample("recorded", 0, 3)
+    return instantiate(cfg.scenario).sample("recorded", 0, 1)
 
 
 @pytest.fixture(scope="module")

@@ -217,18 +217,22 @@ def memory_mb():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_resets_do_not_grow(place):
-    """PyBullet leaks with every body removed: 400 partial resets would take 90 MB."""
-    simulator = place(sample("clutter", 0), scene())
+def test_resets_do_not_grow(place, monkeypatch):
+    """PyBullet leaks with every body removed: 300 resets would take 70 MB without fresh starts."""
+    monkeypatch.setattr("navrl.sim.bullet.MAX_REMOVED_BODIES", 1000)
+    simulator = place(sample("clutter", 0), sample("corridor", 1))
+    drive(simulator, 0.2, 0.5, steps=3)
+    seen = simulator.ranges()[1]
     batches = [pack(sample("clutter", index)) for index in range(10)]
     counts, memory = [], []
-    for repeat in range(400):
+    for repeat in range(300):
         simulator.reset(torch.tensor([0]), batches[repeat % 10])
         if repeat % 10 == 9:
             counts.append(simulator._client.getNumBodies())
             memory.append(memory_mb())
+            assert torch.equal(simulator.ranges()[1], seen)  # fresh starts leave no trace
     assert len(set(counts)) == 1
-    assert memory[-1] - memory[9] < 45.0
+    assert memory[-1] - memory[4] < 30.0
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")

@@ -1,0 +1,99 @@
+"""Every YAML node is a call that its target would accept; every experiment trains."""
+
+import importlib
+import inspect
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from navrl import build
+from navrl.config import CONF_DIR, compose
+
+FILES = sorted(CONF_DIR.rglob("*.yaml"))
+EXPERIMENTS = sorted(path.stem for path in (CONF_DIR / "experiment").glob("*.yaml"))
+
+
+def nodes(value):
+    if isinstance(value, dict):
+        if "_target_" in value:
+            yield value
+        for item in value.values():
+            yield from nodes(item)
+
+
+def resolve(target: str):
+    module, _, name = target.rpartition(".")
+    return getattr(importlib.import_module(module), name)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))
+def test_nodes_bind_to_the_signatures_of_their_targets(path):
+    for node in nodes(OmegaConf.to_container(OmegaConf.load(path), resolve=False)):
+        target = resolve(node["_target_"])
+        arguments = {k: v for k, v in node.items() if not k.startswith("_") and k != "defaults"}
+        inspect.signature(target).bind_partial(**arguments)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))
+def test_numbers_say_their_unit_or_source(path):
+    for line in path.read_text().splitlines():
+        if line.startswith("#"):
+            continue
+        key, _, value = line.partition(": ")
+        is_number = bool(value) and value[0].isdigit() and "experiment" not in path.parts
+        assert not is_number or "#" in value, f"{path.name}: {key} has no comment"
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_trains(name, tmp_path):
+    overrides = [
+        f"experiment={name}",
+        "num_worlds=2",
+        "num_threads=1",
+        "pool_size=2",
+        "scenario=corridor",
+        "replay.batch_size=4",
+        "replay.capacity=200",
+        "behaviour.random_frames=4",
+        "validation.num_episodes=2",
+        "environment.time_limit_steps=6",
+        "schedule.total_frames=40",
+        "schedule.learning_starts=8",
+        "schedule.frames_per_update=8",
+        "schedule.evaluate_every_updates=2",
+        "schedule.log_every_updates=2",
+        "progress_bar=false",
+    ]
+    progress = build.make_trainer(compose("train", overrides), tmp_path).run()
+    assert progress.frames == 40
+    assert progress.updates >= 4
+    assert (tmp_path / "policy" / "weights.safetensors").is_file()
+
+
+def test_ablations_differ_from_the_paper_only_where_they_say():
+    size = {}
+    for name in ("paper", "no_spatial", "no_temporal", "no_tagd"):
+        cfg = compose("train", [f"experiment={name}"])
+        shapes = {
+            "spatial": [180, 2],
+            "spatial_previous": [180, 2],
+            "temporal": [30, 4],
+            "waypoint": [5, 2],
+        }
+        actor, _ = build.make_agent(cfg, shapes)
+        size[name] = sum(p.numel() for p in actor.parameters())
+    head = 30 * 128  # what the output module reads of a stream
+    assert size["paper"] == 147_948
+    assert size["no_spatial"] == 147_948 - 64_821 - head
+    assert size["no_temporal"] == 147_948 - 62_773 - head
+    assert size["no_tagd"] == 147_948 + 64_821 - 62_773
+
+
+def test_experiments_are_short():
+    for path in (CONF_DIR / "experiment").glob("*.yaml"):
+        lines = [x for x in path.read_text().splitlines() if x.strip() and x[0] != "#"]
+        assert len(lines) <= 9, path.name
+    for name in ("no_spatial", "no_temporal", "no_tagd"):
+        text = Path(CONF_DIR / "experiment" / f"{name}.yaml").read_text()
+        assert len([x for x in text.splitlines() if x.strip() and x[0] != "#"]) <= 3
