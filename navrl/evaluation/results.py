@@ -28,7 +28,9 @@ _COLUMNS = (
 def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
     """Return the share of each outcome; they and ``error_rate`` sum to one."""
     names = (*OUTCOMES, ERROR)
-    return {f"{name}_rate": sum(r.outcome == name for r in records) / len(records) for name in names}
+    return {
+        f"{name}_rate": sum(r.outcome == name for r in records) / len(records) for name in names
+    }
 
 
 def summarize(

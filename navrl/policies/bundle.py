@@ -132,11 +132,7 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     actor = build_node(config["actor"], allow, "actor")
     if not isinstance(actor, TensorDictModule):
         raise BundleError(f"actor: need a TensorDictModule, got {type(actor).__name__}")
-    file = folder / "weights.safetensors"
-    try:
-        actor.load_state_dict(load_file(file))
-    except (OSError, SafetensorError, RuntimeError) as error:
-        raise BundleError(f"{file}: {_reason(error)}") from error
+    _load_weights(actor, folder / "weights.safetensors")
     return PolicyBundle(folder, config, actor.eval(), metrics, allow)
 
 
@@ -162,6 +158,19 @@ def _read_metrics(file: Path) -> dict[str, Any]:
     if not isinstance(metrics, dict):
         raise BundleError(f"{file}: need an object, got {type(metrics).__name__}")
     return metrics
+
+
+def _load_weights(actor: TensorDictModule, file: Path) -> None:
+    try:
+        weights = load_file(file)
+    except (OSError, SafetensorError) as error:
+        raise BundleError(f"{file}: {_reason(error)}") from error
+    try:
+        actor.load_state_dict(weights)
+    except RuntimeError as error:
+        first, *others = str(error).split("\n\t")[1:] or [str(error)]
+        more = f" (and {len(others)} more)" if others else ""
+        raise BundleError(f"{file}: does not fit the actor: {first.strip()}{more}") from error
 
 
 def _reason(error: Exception) -> str:

@@ -56,7 +56,8 @@ class PurePursuit(TensorDictModuleBase):
         # A goal behind the robot: turn on the spot.
         turn_only = x < 0
         speed = torch.where(turn_only, 0.0, speed)
-        turn = torch.where(turn_only, torch.sign(y) * robot.max_turn_rate, speed * curvature)
+        side = torch.where(y < 0, -1.0, 1.0)  # never 0: straight behind, it turns left
+        turn = torch.where(turn_only, side * robot.max_turn_rate, speed * curvature)
         low = torch.tensor([robot.min_speed, -robot.max_turn_rate], device=x.device)
         high = torch.tensor([robot.max_speed, robot.max_turn_rate], device=x.device)
         command = torch.stack([speed, turn], dim=-1)

@@ -1,0 +1,77 @@
+"""Files of an evaluation: what is counted, and the very bytes."""
+
+import json
+import math
+
+import pytest
+
+from navrl.evaluation import EpisodeRecord, rates, summarize, wilson_interval, write_results
+
+RECORDS = [
+    EpisodeRecord(0, "corridor", "success", 40, 8.0, 7.123456789, 0.25),
+    EpisodeRecord(1, "office", "success", 51, 10.200000000000001, 9.5, math.inf),
+    EpisodeRecord(2, "office", "collision_pedestrian", 7, 1.4000000000000001, 1.0, 0.0, True),
+    EpisodeRecord(3, "corridor", "collision_static", 9, 1.8, 1.5, 0.5),
+    EpisodeRecord(4, "office", "timeout", 150, 30.0, 3.0, 0.4),
+    EpisodeRecord(5, "office", "error", 0, math.nan, math.nan, math.nan, False, "a\nb"),
+]
+CSV = """\
+index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,error
+0,corridor,success,40,8.000000,7.123457,0.250000,0,
+1,office,success,51,10.200000,9.500000,inf,0,
+2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,
+3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,
+4,office,timeout,150,30.000000,3.000000,0.400000,0,
+5,office,error,0,nan,nan,nan,0,"a
+b"
+"""
+
+
+def summary(records=RECORDS):
+    return summarize(records, policy="p", suite="s", suite_hash="0f", simulator="BatchedSimulator")
+
+
+def test_summary_counts_every_episode():
+    result = summary()
+    assert result["episodes"] == 6
+    assert result["success_rate"] == pytest.approx(2 / 6, abs=1e-6)
+    assert result["success_interval"] == pytest.approx(wilson_interval(2, 6), abs=1e-6)
+    assert result["collision_rate"] == pytest.approx(2 / 6, abs=1e-6)
+    assert result["collision_pedestrian_rate"] == pytest.approx(1 / 6, abs=1e-6)
+    assert result["collision_static_rate"] == pytest.approx(1 / 6, abs=1e-6)
+    assert result["timeout_interval"] == pytest.approx(wilson_interval(1, 6), abs=1e-6)
+    assert (result["errors"], result["run_into"], result["successes"]) == (1, 1, 2)
+    names = ("policy", "suite", "suite_hash", "simulator")
+    assert [result[name] for name in names] == ["p", "s", "0f", "BatchedSimulator"]
+
+
+def test_navigation_time_is_that_of_successes():
+    assert summary()["navigation_time_s"] == pytest.approx(9.1)
+    assert summary(RECORDS[2:])["navigation_time_s"] is None
+
+
+def test_kinds_of_worlds_are_counted_apart():
+    kinds = summary()["by_scenario"]
+    assert {kind: part["episodes"] for kind, part in kinds.items()} == {"corridor": 2, "office": 4}
+    assert kinds["corridor"]["success_rate"] == 0.5
+    assert kinds["office"]["errors"] == 1
+
+
+def test_rates_sum_to_one():
+    found = rates(RECORDS)
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert found["error_rate"] == pytest.approx(1 / 6)
+
+
+def test_no_episodes_make_no_summary():
+    with pytest.raises(ValueError, match="records"):
+        summary([])
+
+
+def test_files_hold_these_bytes(tmp_path):
+    write_results(tmp_path / "new", RECORDS, summary())
+    assert (tmp_path / "new" / "episodes.csv").read_bytes() == CSV.encode()
+    text = (tmp_path / "new" / "summary.json").read_text()
+    assert json.loads(text) == summary()
+    write_results(tmp_path / "again", RECORDS, summary())
+    assert (tmp_path / "again" / "summary.json").read_text() == text

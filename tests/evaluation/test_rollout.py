@@ -1,0 +1,181 @@
+"""Episodes whose end is known beforehand, and records that do not depend on their neighbours."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torchrl.envs import Compose
+from torchrl.envs.utils import ExplorationType, exploration_type
+
+from navrl import keys
+from navrl.build import make_env
+from navrl.envs import NavigationEnv
+from navrl.evaluation import ERROR, evaluate
+from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
+from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
+
+RADIUS = 0.178
+LIMIT = 25
+
+
+def person(*route, speed=0.0):
+    return Pedestrian(np.array(route, dtype=float), speed, 0.0)
+
+
+def episode(index, *, goal=(9.0, 0.0), walls=(), people=(), start=(0.0, 0.0, 0.0)):
+    return Scenario(
+        suite="by hand",
+        seed=0,
+        index=index,
+        kind="corridor",
+        boxes=np.array(walls, dtype=float).reshape(-1, 5),
+        start=np.array(start, dtype=float),
+        goal=np.array(goal, dtype=float),
+        path=np.array([start[:2], goal], dtype=float),
+        pedestrians=tuple(people),
+        noise_seed=0,
+    )
+
+
+WALL = (2.0, 0.0, 0.1, 1.0, 0.0)
+EPISODES = [  # the robot drives straight ahead at 1 m/s
+    episode(0, goal=(1.1, 0.0)),  # within 0.2 m after 1.0 m
+    episode(1, walls=[WALL]),
+    episode(2, people=[person((1.5, 0.0))]),
+    episode(3, people=[person((1.0, 0.6))]),  # drives past
+    episode(4, people=[person((-3.0, 0.0), (6.0, 0.0), speed=3.0)]),  # runs up from behind
+    episode(5, goal=(0.5, 0.3)),  # passed at 0.3 m, never reached
+    episode(6, goal=(2.1, 0.0), people=[person((0.0, 5.0))]),
+]
+OUTCOMES = [
+    "success",
+    "collision_static",
+    "collision_pedestrian",
+    "timeout",
+    "collision_pedestrian",
+    "timeout",
+    "success",
+]
+
+
+def make(num_worlds):
+    simulator = BatchedSimulator(num_worlds, robot=DifferentialDrive(), lidar=Lidar(num_beams=72))
+    env = NavigationEnv(simulator, None, {}, time_limit_steps=LIMIT, privileged=True)
+    return make_env(env, Compose())
+
+
+@pytest.fixture(scope="module")
+def envs():
+    return {count: make(count) for count in (1, 3, len(EPISODES))}
+
+
+def straight(tensordict):
+    action = torch.zeros(*tensordict.batch_size, 2)
+    action[..., 0] = 1.0
+    return tensordict.set(keys.ACTION, action)
+
+
+def wobbling(tensordict):
+    """Something whose action depends on what each world shows."""
+    tensordict = straight(tensordict)
+    tensordict[keys.ACTION][..., 1] = torch.sin(37.0 * tensordict[keys.RANGES].sum(-1)) / 2
+    return tensordict
+
+
+@pytest.fixture(scope="module")
+def batch():
+    return ScenarioBatch.pack(EPISODES)
+
+
+@pytest.fixture(scope="module")
+def records(envs, batch):
+    return evaluate(envs[len(EPISODES)], straight, batch)
+
+
+def test_ends_as_the_scene_says(records):
+    assert [record.outcome for record in records] == OUTCOMES
+    assert [record.index for record in records] == list(range(len(EPISODES)))
+    assert {record.scenario for record in records} == {"corridor"}
+    assert {record.error for record in records} == {""}
+
+
+def test_steps_times_and_lengths_are_those_of_the_drive(records):
+    success, wall, *_, timeout, _ = records
+    assert (success.steps, success.time_s) == (5, pytest.approx(1.0))
+    assert success.path_length_m == pytest.approx(1.0, abs=1e-5)
+    assert wall.steps == math.ceil((1.9 - RADIUS) / 0.2)
+    assert wall.path_length_m == pytest.approx(1.9 - RADIUS, abs=0.021)  # a substep is 0.02 m
+    assert (timeout.steps, timeout.time_s) == (LIMIT, pytest.approx(5.0))
+    assert timeout.path_length_m == pytest.approx(5.0, abs=1e-4)
+
+
+def test_distances_are_between_surfaces(records):
+    assert records[0].min_pedestrian_distance_m == math.inf
+    assert records[2].min_pedestrian_distance_m == 0.0
+    assert records[3].min_pedestrian_distance_m == pytest.approx(0.6 - 0.15 - RADIUS, abs=1e-5)
+
+
+def test_the_distance_at_the_start_counts(envs):
+    """Somebody abreast at the start is left behind at once."""
+    scene = ScenarioBatch.pack([episode(0, people=[person((-0.1, 0.5))])])
+    (record,) = evaluate(envs[1], straight, scene)
+    assert record.min_pedestrian_distance_m == pytest.approx(0.5 - 0.15 - RADIUS, abs=1e-5)
+
+
+def test_tells_who_moved_into_whom(records):
+    assert [record.run_into for record in records] == [i == 4 for i in range(len(EPISODES))]
+
+
+@pytest.mark.parametrize("policy", [straight, wobbling])
+@pytest.mark.parametrize("num_worlds", [1, 3])
+def test_records_do_not_depend_on_the_neighbours(envs, batch, policy, num_worlds):
+    """Neither on who is played beside, nor on worlds that go on, nor on the padding."""
+    expected = evaluate(envs[len(EPISODES)], policy, batch)
+    assert evaluate(envs[num_worlds], policy, batch) == expected
+
+
+def test_same_again(envs, batch):
+    first, second = (evaluate(envs[3], wobbling, batch) for _ in range(2))
+    assert first == second
+
+
+def test_policy_runs_without_noise_or_gradient(envs, batch):
+    seen = set()
+
+    def policy(tensordict):
+        seen.add((exploration_type(), torch.is_grad_enabled()))
+        return straight(tensordict)
+
+    evaluate(envs[3], policy, batch)
+    assert seen == {(ExplorationType.DETERMINISTIC, False)}
+
+
+def test_progress_counts_each_episode_once(envs, batch):
+    done = []
+    evaluate(envs[3], straight, batch, on_chunk=done.append)
+    assert done == [3, 3, 1]
+
+
+@pytest.mark.parametrize("num_worlds", [1, 3, len(EPISODES)])
+def test_an_episode_that_raises_is_an_error_and_takes_none_with_it(
+    envs, batch, records, num_worlds
+):
+    def policy(tensordict):
+        if bool((tensordict[keys.PATH][:, -1] == torch.tensor([0.5, 0.3])).all(-1).any()):
+            raise ZeroDivisionError("no way")
+        return straight(tensordict)
+
+    found = evaluate(envs[num_worlds], policy, batch)
+    assert found[5].outcome == ERROR
+    assert "ZeroDivisionError: no way" in found[5].error
+    assert math.isnan(found[5].time_s)
+    assert found[:5] + found[6:] == records[:5] + records[6:]
+
+
+def test_a_policy_that_always_raises_is_all_errors(envs, batch):
+    def policy(_):
+        raise RuntimeError("broken")
+
+    found = evaluate(envs[3], policy, batch)
+    assert [(record.index, record.outcome) for record in found] == [(i, ERROR) for i in range(7)]
