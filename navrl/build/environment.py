@@ -75,7 +75,7 @@ def make_pool(
     """Return the scenarios that episodes are drawn from, generated once and cached.
 
     Args:
-        cfg: Config with ``scenario``, ``seed``, ``pool_size`` and ``num_threads``.
+        cfg: Config with ``scenario``, ``seed``, ``pool_size``, ``empty_share`` and ``num_threads``.
         name: Of the suite they belong to.
         seed: Of the suite; ``cfg.seed`` if ``None``.
         size: Number of scenarios; ``cfg.pool_size`` if ``None``.
@@ -89,7 +89,8 @@ def make_pool(
     key = hashlib.sha256(
         f"{name} {suite.seed} {suite.num_episodes} {OmegaConf.to_yaml(cfg.scenario)}".encode()
     ).hexdigest()[:16]
-    return ScenarioPool(suite, num_threads(cfg), _cache_folder() / "pools" / f"{key}.npz")
+    cache = _cache_folder() / "pools" / f"{key}.npz"
+    return ScenarioPool(suite, num_threads(cfg), cache, cfg.empty_share)
 
 
 def _cache_folder() -> Path:

@@ -43,7 +43,7 @@ class ActorNetwork(nn.Module):
     def forward(self, *inputs: Tensor) -> Tensor | tuple[Tensor, ...]:
         """Return the action ``[*B, action_size]``, and the weights if asked for."""
         feature, *weights = self.encoder(*inputs)
-        action = torch.tanh(self.output(feature).float())
+        action = torch.tanh(in_float32(self.output, feature))
         return (action, *weights) if self.with_attention else action
 
 
@@ -69,8 +69,14 @@ class CriticNetwork(nn.Module):
 
     def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
         """Return the value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
-        feature = self.encoder(*inputs)[0]
-        return self.output(torch.cat([feature, action.to(feature.dtype)], dim=-1)).float()
+        feature = self.encoder(*inputs)[0].float()
+        return in_float32(self.output, torch.cat([feature, action], dim=-1))
+
+
+def in_float32(module: nn.Module, value: Tensor) -> Tensor:
+    """Run the last layers in float32 even under autocast: they cost little and decide much."""
+    with torch.autocast(value.device.type, enabled=False):
+        return module(value.float())
 
 
 def make_actor(

@@ -109,6 +109,11 @@ class ScenarioBatch:
             **{**self.tensors(), "ped_present": self.ped_present & (self.ped_static | kept)}
         )
 
+    def without_pedestrians(self, empty: Tensor) -> ScenarioBatch:
+        """Remove everybody from the scenarios where ``empty [S]`` is true."""
+        present = self.ped_present & ~empty.unsqueeze(-1)
+        return ScenarioBatch(**{**self.tensors(), "ped_present": present})
+
     def with_noise_seed(self, noise_seed: Tensor) -> ScenarioBatch:
         """Replace the seeds ``[S]`` of the lidar's noise."""
         return ScenarioBatch(**{**self.tensors(), "noise_seed": noise_seed})

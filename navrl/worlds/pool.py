@@ -25,9 +25,23 @@ class ScenarioPool:
         num_workers: Processes that generate.
         cache: File that the packed scenarios are kept in; ``None`` keeps them in memory only. A
             file made for another suite is not used but replaced.
+        empty_share: Share of draws without any pedestrian. Not in the paper: a robot that always
+            meets somebody half-way never sees its goal, and cannot learn what to do there.
+
+    Raises:
+        ValueError: If ``empty_share`` is outside [0, 1].
     """
 
-    def __init__(self, suite: Suite, num_workers: int = 1, cache: Path | None = None) -> None:
+    def __init__(
+        self,
+        suite: Suite,
+        num_workers: int = 1,
+        cache: Path | None = None,
+        empty_share: float = 0.0,
+    ) -> None:
+        if not 0 <= empty_share <= 1:
+            raise ValueError(f"empty_share={empty_share}: must be in [0, 1]")
+        self.empty_share = empty_share
         self.batch = _load(cache, suite) if cache is not None else None
         if self.batch is None:
             self.batch = suite.batch(num_workers)
@@ -51,10 +65,11 @@ class ScenarioPool:
                 keeps all.
         """
         rows = torch.randint(len(self.batch), (count,), generator=generator)
-        return self._vary(rows, generator, max_dynamic)
+        empty = torch.rand(count, generator=generator) < self.empty_share
+        return self._vary(rows, generator, max_dynamic).without_pedestrians(empty)
 
     def all(self, generator: torch.Generator, max_dynamic: int | None = None) -> ScenarioBatch:
-        """Return every scenario once, in order, varied as in :meth:`draw`."""
+        """Return every scenario once, in order, varied as in :meth:`draw` but never emptied."""
         return self._vary(torch.arange(len(self.batch)), generator, max_dynamic)
 
     def _vary(
