@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from navrl.viz.style import CYCLE, save_figure, style
+from navrl.viz.style import BLACK, CYCLE, save_figure, style
 
 Series = tuple[np.ndarray, np.ndarray]
+_LEVEL = "train/max_dynamic"
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class _Panel:
     evaluated: str | None  # column of the evaluations, drawn with marks
     trained: Callable[[_Log], Series]  # drawn thin where there are evaluations too
     is_rate: bool = False
+    is_level: bool = False  # jumps, and a mean of runs is no level
 
 
 class _Log:
@@ -58,8 +61,8 @@ def plot_curves(
 
     Rates of each outcome, the curriculum's number of pedestrians, reward, and what the critic says,
     over environment steps. Evaluations are lines with marks, training episodes (with exploration)
-    are thin lines. Runs of one label are seeds of one setting: each is drawn, pale, and their mean
-    over the frames that all reached.
+    are thin lines; a dotted line is where the curriculum went up. Runs of one label are seeds of
+    one setting: each is drawn, pale, and their mean over the frames that all reached.
 
     Args:
         csv_files: The trainer's ``metrics.csv`` of each run.
@@ -112,7 +115,8 @@ _PANELS = (
         "curriculum",
         "dynamic pedestrians, at most",
         None,
-        lambda log: log.column("train/max_dynamic"),
+        lambda log: log.column(_LEVEL),
+        is_level=True,
     ),
     _Panel("reward", "mean of a step", None, lambda log: log.sum_of(log.names("reward/"))),
     _Panel("action value Q", "mean of a batch", None, lambda log: log.column("learn/q_mean")),
@@ -121,30 +125,39 @@ _PANELS = (
 
 
 def _draw(axes: Axes, panel: _Panel, logs: Sequence[_Log], label: str, color: str) -> None:
-    steps = "steps-post" if panel.title == "curriculum" else "default"
     trained = [panel.trained(log) for log in logs]
-    if panel.evaluated is None:
-        _draw_seeds(axes, trained, label, {"color": color, "drawstyle": steps})
-        return
-    for series in trained:
-        axes.plot(*series, color=color, linewidth=0.6, alpha=0.5)
-    evaluated = [log.column(panel.evaluated) for log in logs]
-    _draw_seeds(axes, evaluated, label, {"color": color, "marker": "o", "markersize": 2.5})
+    if panel.is_level:
+        for series in trained:
+            axes.plot(*series, color=color, drawstyle="steps-post")
+    elif panel.evaluated is None:
+        _draw_seeds(axes, trained, label, color)
+    else:
+        for series in trained:
+            axes.plot(*series, color=color, linewidth=0.6, alpha=0.4)
+        for frames, levels in (log.column(_LEVEL) for log in logs):
+            for frame in frames[1:][np.diff(levels) > 0]:
+                axes.axvline(frame, color=color, linestyle=":", linewidth=0.8)
+        evaluated = [log.column(panel.evaluated) for log in logs]
+        _draw_seeds(axes, evaluated, label, color, marker="o", markersize=2.5)
 
 
-def _draw_seeds(axes: Axes, seeds: Sequence[Series], label: str, look: dict) -> None:
+def _draw_seeds(
+    axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: object
+) -> None:
+    """Draw one run as it is; of several, each pale and their mean where all were logged."""
     seeds = [series for series in seeds if len(series[0])]
-    if len(seeds) < 2:
-        for series in seeds:
-            axes.plot(*series, label=label, **look)
+    if not seeds:
+        return
+    if len(seeds) == 1:
+        axes.plot(*seeds[0], label=label, color=color, **look)
         return
     for frames, values in seeds:
-        axes.plot(frames, values, **{**look, "linewidth": 0.6, "alpha": 0.5, "marker": ""})
-    last = min(frames[-1] for frames, _ in seeds)
+        axes.plot(frames, values, color=color, linewidth=0.8, alpha=0.6)
+    first, last = max(f[0] for f, _ in seeds), min(f[-1] for f, _ in seeds)
     common = np.unique(np.concatenate([frames for frames, _ in seeds]))
-    common = common[(common <= last) & (common >= max(frames[0] for frames, _ in seeds))]
+    common = common[(first <= common) & (common <= last)]
     mean = np.mean([np.interp(common, *series) for series in seeds], axis=0)
-    axes.plot(common, mean, label=label, **look)
+    axes.plot(common, mean, label=label, color=color, **look)
 
 
 def _finish(axes: Axes, panel: _Panel) -> None:
@@ -155,28 +168,22 @@ def _finish(axes: Axes, panel: _Panel) -> None:
     if panel.is_rate:
         axes.set_ylim(-0.02, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    if panel.title == "curriculum":
+    if panel.is_level:
         axes.set_ylim(bottom=0.0)
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _add_key(figure: Figure, groups: dict[str, list[_Log]]) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D(
-            [], [], color=color, label=label if len(logs) == 1 else f"{label} ({len(logs)} seeds)"
-        )
-        for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True)
-    ]
-    handles.append(
-        Line2D(
-            [], [], color="black", marker="o", markersize=2.5, label="evaluation, no exploration"
-        )
-    )
-    handles.append(
-        Line2D([], [], color="black", linewidth=0.6, alpha=0.5, label="training, with exploration")
-    )
+    handles = []
+    for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True):
+        seeds = "" if len(logs) == 1 else f" (mean of {len(logs)} seeds)"
+        handles.append(Line2D([], [], color=color, label=label + seeds))
+    for label, look in (
+        ("evaluation, no exploration", {"marker": "o", "markersize": 2.5}),
+        ("training, with exploration", {"linewidth": 0.6, "alpha": 0.5}),
+        ("more pedestrians from here", {"linestyle": ":", "linewidth": 0.8}),
+    ):
+        handles.append(Line2D([], [], color=BLACK, label=label, **look))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
 
 

@@ -64,8 +64,9 @@ def _indexed(frame: np.ndarray, palette: np.ndarray) -> Image.Image:
     """Map each pixel to the nearest colour; Pillow's own mapping misses colours that are there."""
     packed = _packed(frame.reshape(-1, 3))
     _, first, index = np.unique(packed, return_index=True, return_inverse=True)
-    colors = frame.reshape(-1, 3)[first].astype(np.int32)
-    distance = np.square(colors[:, None] - palette.astype(np.int32)).sum(axis=-1)
+    colors, offered = frame.reshape(-1, 3)[first].astype(np.float32), palette.astype(np.float32)
+    # |c - p|^2 without |c|^2, which is the same for each p; exact: integers below 2^24.
+    distance = np.square(offered).sum(axis=-1) - 2 * colors @ offered.T
     nearest = distance.argmin(axis=-1).astype(np.uint8)
     image = Image.fromarray(nearest[index].reshape(frame.shape[:2]), mode="P")
     image.putpalette(palette.ravel().tolist())

@@ -1,0 +1,74 @@
+"""Stills, strips and GIFs of an episode."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from navrl.viz import save_gif, save_png, save_strip
+from navrl.viz.gif import write_gif
+
+
+def test_gif_shows_every_step_in_its_time(tmp_path, recording):
+    image = Image.open(save_gif(recording, tmp_path / "deep" / "episode.gif"))
+    durations = []
+    for frame in range(image.n_frames):
+        image.seek(frame)
+        durations.append(image.info["duration"])
+    assert image.n_frames == recording.num_steps + 1
+    assert image.width == 480
+    assert durations[:-1] == [200] * recording.num_steps
+    assert durations[-1] > 1000
+    assert image.info["loop"] == 0
+
+
+def test_gif_stays_small(tmp_path, recording):
+    size = save_gif(recording, tmp_path / "episode.gif", fps=10).stat().st_size
+    assert size < 3e6 * (recording.num_steps + 1) / 151
+
+
+def test_gif_frames_differ_and_keep_flat_colours(tmp_path):
+    frames = np.full((3, 8, 8, 3), 255, dtype=np.uint8)
+    for i, color in enumerate([(0, 114, 178), (213, 94, 0), (0, 158, 115)]):
+        frames[i, :4] = color
+    image = Image.open(write_gif(list(frames), tmp_path / "flat.gif", 0.1))
+    for i, frame in enumerate(frames):
+        image.seek(i)
+        assert np.array_equal(np.asarray(image.convert("RGB")), frame)
+
+
+@pytest.mark.parametrize("step", [None, -1])
+def test_png(tmp_path, recording, step):
+    step = recording.num_steps if step == -1 else step
+    picture = np.asarray(
+        Image.open(save_png(recording, tmp_path / "moment.png", step)).convert("L")
+    )
+    assert (picture[[0, -1]] == 255).all()  # nothing runs over the border
+    assert (picture[:, [0, -1]] == 255).all()
+    assert (picture < 128).mean() > 0.005
+
+
+def test_the_same_picture_is_the_same_file(tmp_path, recording):
+    first = save_png(recording, tmp_path / "first.svg", 0)
+    second = save_png(recording, tmp_path / "second.svg", 0)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_strip(tmp_path, recording):
+    text = save_strip(recording, tmp_path / "strip.svg", count=4).read_text()
+    end = recording.num_steps * recording.time_step_s
+    assert "t = 0.0 s" in text
+    assert f"t = {end:.1f} s" in text
+    assert "x in m" in text
+
+
+def test_bad_arguments_are_named(tmp_path, recording):
+    with pytest.raises(ValueError, match="fps=0"):
+        save_gif(recording, tmp_path / "episode.gif", fps=0)
+    with pytest.raises(ValueError, match=r"\.gif"):
+        save_gif(recording, tmp_path / "episode.mp4")
+    with pytest.raises(ValueError, match=r"\.png"):
+        save_png(recording, tmp_path / "episode.bmp")
+    with pytest.raises(ValueError, match="step=999"):
+        save_png(recording, tmp_path / "episode.png", step=999)
+    with pytest.raises(ValueError, match="count=1"):
+        save_strip(recording, tmp_path / "strip.png", count=1)
