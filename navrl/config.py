@@ -55,6 +55,15 @@ def set_default(cfg: DictConfig, key: str, value: Any) -> None:
         cfg[key] = value
 
 
+def target_packages(cfg: DictConfig) -> set[str]:
+    """Return the top-level packages that the targets of a config come from."""
+    return {
+        str(value).partition(".")[0]
+        for name, value in _leaves(cfg)
+        if name.endswith("_target_") and value is not None
+    }
+
+
 def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
     """Make a command of a function that takes a config.
 

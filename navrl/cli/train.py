@@ -9,7 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from navrl import build
-from navrl.config import compose, hydra_main, set_default
+from navrl.config import compose, hydra_main, set_default, target_packages
 from navrl.viz import plot_curves, save_gif, save_png
 
 log = logging.getLogger(__name__)
@@ -51,6 +51,8 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     for part in ("suite", "simulator", "num_threads", "environment", "progress_bar"):
         set_default(playing, part, cfg[part])
     set_default(playing, "policy", str(folder))
+    # What this very run was made of may be built again.
+    set_default(playing, "allow", sorted(target_packages(cfg) - {"navrl"}))
     recording = build.record(playing)
     recording.save(folder / "episode.npz")
     save_gif(recording, folder / "episode.gif")

@@ -1,0 +1,55 @@
+"""The wheel and the sdist carry conf/, and the commands find it from anywhere."""
+
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from navrl.config import CONF_DIR
+
+ROOT = Path(__file__).parents[1]
+
+
+def run(*command, cwd):
+    result = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=600)
+    assert result.returncode == 0, result.stderr[-3000:]
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dist")
+    code = (
+        "from hatchling.build import build_wheel, build_sdist; import sys\n"
+        "print(build_wheel(sys.argv[1])); print(build_sdist(sys.argv[1]))"
+    )
+    wheel, sdist = run(sys.executable, "-c", code, str(folder), cwd=ROOT).split()
+    return folder / wheel, folder / sdist
+
+
+def test_wheel_and_sdist_carry_all_of_conf(built):
+    wheel, sdist = built
+    wanted = {str(p.relative_to(CONF_DIR)) for p in CONF_DIR.rglob("*.yaml")}
+    with zipfile.ZipFile(wheel) as archive:
+        got = {n.removeprefix("navrl/conf/") for n in archive.namelist() if "/conf/" in n}
+    assert wanted == got
+    with tarfile.open(sdist) as archive:
+        names = {n.split("/", 1)[1] for n in archive.getnames() if "/" in n}
+    assert {f"conf/{name}" for name in wanted} <= names
+    assert {"README.md", "LICENSE", ".ci/run", "tests/test_packaging.py"} <= names
+
+
+def test_the_wheels_command_finds_conf_from_elsewhere(built, tmp_path):
+    """Unpacked alone, away from the clone: what is found can only come from the wheel."""
+    with zipfile.ZipFile(built[0]) as archive:
+        archive.extractall(tmp_path / "site")
+    code = (
+        "import sys; sys.path.insert(0, 'site'); import navrl; "
+        "assert 'site' in navrl.__file__, navrl.__file__; "
+        "from navrl.cli.train import main; main()"
+    )
+    shown = run(sys.executable, "-c", code, "--cfg", "job", "experiment=paper", cwd=tmp_path)
+    assert "navrl.algos.DDPG" in shown
