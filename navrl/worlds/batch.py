@@ -79,7 +79,8 @@ class ScenarioBatch:
         ):
             if limit is not None and found > limit:
                 raise ValueError(f"{name}={limit}: a scenario has {found}")
-        rows = [_row(s, max_boxes or max(boxes, 1), max_pedestrians or max(people, 1)) for s in scenarios]
+        width = max_boxes or max(boxes, 1), max_pedestrians or max(people, 1)
+        rows = [_row(scenario, *width) for scenario in scenarios]
         return cls(**{k: torch.from_numpy(np.stack([row[k] for row in rows])) for k in rows[0]})
 
     def __len__(self) -> int:
@@ -102,7 +103,7 @@ class ScenarioBatch:
         return ScenarioBatch(**{name: value.to(device) for name, value in self.tensors().items()})
 
     def with_num_dynamic(self, count: Tensor) -> ScenarioBatch:
-        """Keep the first ``count [S]`` dynamic pedestrians of each scenario, and all static ones."""
+        """Keep each scenario's first ``count [S]`` dynamic pedestrians and all static ones."""
         dynamic = self.ped_present & ~self.ped_static
         kept = dynamic.cumsum(dim=-1) <= count.unsqueeze(-1)
         return ScenarioBatch(

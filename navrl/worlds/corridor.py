@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from navrl.worlds.layout import Layout, check_range, wall
+from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, check_range, wall
 
 
 class Corridor:
     """Straight corridor; start and goal in opposite corners.
 
     Args:
-        length: (least, most) m.
-        width: (least, most) m.
+        length: (least, most) m, clear.
+        width: (least, most) m, clear.
         inset: m from start and goal to the walls of their corners.
 
     Raises:
-        ValueError: If a range is not positive or not ordered.
+        ValueError: If a range is not positive or not ordered, or ``inset`` does not fit.
 
     Reference:
         Paper Sec. IV-E: 6 to 8 m by 2.0 to 2.5 m.
@@ -31,15 +31,15 @@ class Corridor:
         inset: float = 0.5,
     ) -> None:
         self.length, self.width = check_range("length", length), check_range("width", width)
-        self.inset = inset
+        self.inset = check_inset(inset, self.width[0] / 2)
 
     def layout(self, generator: np.random.Generator) -> Layout:
         """Draw a layout."""
         x, y = generator.uniform(*self.length) / 2, generator.uniform(*self.width) / 2
+        corner = np.array([x - self.inset, y - self.inset])
+        start = corner * generator.choice([-1.0, 1.0], size=2)
+        x, y = x + WALL_THICKNESS / 2, y + WALL_THICKNESS / 2  # the walls' centre lines
         boxes = np.array(
             [wall(-x, -y, x, -y), wall(-x, y, x, y), wall(-x, -y, -x, y), wall(x, -y, x, y)]
         )
-        side = generator.choice([-1.0, 1.0])
-        end = generator.choice([-1.0, 1.0])
-        start = np.array([-end * (x - self.inset), -side * (y - self.inset)])
         return Layout(boxes, (-x, -y, x, y), start, -start)

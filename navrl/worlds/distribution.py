@@ -81,17 +81,16 @@ class ScenarioDistribution:
                 reason = error
         raise RuntimeError(f"no scenario in {_TRIES} draws ({suite}, {seed}, {index}): {reason}")
 
-    def _draw(
-        self, generator: np.random.Generator, suite: str, seed: int, index: int
-    ) -> Scenario:
+    def _draw(self, generator: np.random.Generator, suite: str, seed: int, index: int) -> Scenario:
         items = list(self.worlds.values())
         world = items[generator.choice(len(items), p=self._shares)].world
         layout = world.layout(generator)
-        grid = Grid(layout.boxes, layout.extent)
+        grid = Grid(layout.boxes, layout.extent, layout.start)
         path, inflation = _plan(grid, layout)
-        people = self._people(generator, PedestrianPlacer(
-            generator, grid, path, min(inflation, 0.3), half_size=self.half_size
-        ))
+        people = self._people(
+            generator,
+            PedestrianPlacer(generator, grid, path, min(inflation, 0.3), half_size=self.half_size),
+        )
         ahead = path[min(3, len(path) - 1)] - path[0]
         return Scenario(
             suite=suite,
@@ -122,7 +121,7 @@ def _plan(grid: Grid, layout: Layout) -> tuple[np.ndarray, float]:
     for inflation in _INFLATIONS:
         field = grid.field(layout.goal, inflation)
         if field.reaches(layout.start):
-            path = smooth(field.route(layout.start), grid, inflation - 0.1)
+            path = smooth(field.route(layout.start), grid, max(inflation - 0.1, 0.2))
             if len(path) > MAX_PATH_POINTS:
                 path = resample(path, 0.1 * len(path) / MAX_PATH_POINTS)
             return path[:MAX_PATH_POINTS], inflation

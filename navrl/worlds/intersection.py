@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from navrl.worlds.layout import Layout, check_range, wall
+from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, check_range, wall
 
 
 class Intersection:
     """Cross-shaped hallways; start and goal in the dead ends of different arms.
 
     Args:
-        width: (least, most) m of each hallway.
+        width: (least, most) m of each hallway, clear.
         arm: (least, most) m from the centre to an arm's end.
         inset: m from start and goal to the end of their arm.
 
     Raises:
-        ValueError: If a range is not positive or not ordered.
+        ValueError: If a range is not positive or not ordered, ``inset`` does not fit, or an arm may
+            end inside the crossing.
 
     Reference:
         Paper Sec. IV-E: hallways 2.0 to 2.5 m wide; arms of 3 to 5 m as in the authors' precursor.
@@ -31,27 +32,39 @@ class Intersection:
         inset: float = 0.5,
     ) -> None:
         self.width, self.arm = check_range("width", width), check_range("arm", arm)
-        self.inset = inset
+        self.inset = check_inset(inset, self.width[0] / 2)
+        if self.arm[0] < self.width[1] / 2 + 2 * self.inset:
+            raise ValueError(
+                f"arm={list(arm)}: need at least width/2 + 2 inset = "
+                f"{self.width[1] / 2 + 2 * self.inset:.3g} m"
+            )
 
     def layout(self, generator: np.random.Generator) -> Layout:
         """Draw a layout."""
         half = generator.uniform(*self.width, size=2) / 2  # of the hallway along x, along y
-        east, north, west, south = generator.uniform(*self.arm, size=4)
-        hx, hy = half[1], half[0]
-        boxes = []
-        for end in (east, -west):
-            corner = np.sign(end) * hx
-            boxes += [wall(corner, side * hy, end, side * hy) for side in (-1, 1)]
-            boxes.append(wall(end, -hy, end, hy))
-        for end in (north, -south):
-            corner = np.sign(end) * hy
-            boxes += [wall(side * hx, corner, side * hx, end) for side in (-1, 1)]
-            boxes.append(wall(-hx, end, hx, end))
-        ends = np.array([[east, 0.0], [0.0, north], [-west, 0.0], [0.0, -south]])
-        reach = np.array([east, north, west, south])[:, None]
-        ends *= (reach - self.inset) / reach
+        reach = generator.uniform(*self.arm, size=4)  # east, north, west, south
+        ends = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+        ends *= (reach - self.inset)[:, None]
         # Anywhere across the hallway, but not nearer to its walls than the inset.
         across = generator.uniform(-1.0, 1.0, size=4) * (half[[0, 1, 0, 1]] - self.inset)
         ends[[0, 2], 1], ends[[1, 3], 0] = across[[0, 2]], across[[1, 3]]
         first, second = generator.choice(4, size=2, replace=False)
-        return Layout(np.array(boxes), (-west, -south, east, north), ends[first], ends[second])
+        half, reach = half + WALL_THICKNESS / 2, reach + WALL_THICKNESS / 2  # centre lines
+        east, north, west, south = reach
+        extent = (-west, -south, east, north)
+        return Layout(_walls(half[1], half[0], extent), extent, ends[first], ends[second])
+
+
+def _walls(hx: float, hy: float, extent: tuple[float, float, float, float]) -> np.ndarray:
+    """Return three walls an arm, around a crossing with half sides ``hx``, ``hy``."""
+    west, south, east, north = extent
+    boxes = []
+    for end in (east, west):
+        corner = np.sign(end) * hx
+        boxes += [wall(corner, side * hy, end, side * hy) for side in (-1, 1)]
+        boxes.append(wall(end, -hy, end, hy))
+    for end in (north, south):
+        corner = np.sign(end) * hy
+        boxes += [wall(side * hx, corner, side * hx, end) for side in (-1, 1)]
+        boxes.append(wall(-hx, end, hx, end))
+    return np.array(boxes)

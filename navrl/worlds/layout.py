@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 WALL_THICKNESS = 0.1  # m, authors' precursor
+LEAST_INSET = 0.3  # m from start and goal to a wall; nearer, the planner finds no way out
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,17 @@ class World(Protocol):
     def layout(self, generator: np.random.Generator) -> Layout:
         """Draw a layout."""
         ...
+
+
+def check_inset(inset: float, most: float) -> float:
+    """Return ``inset`` if start and goal can be planned from and lie in their own half.
+
+    Raises:
+        ValueError: Otherwise.
+    """
+    if not LEAST_INSET <= inset <= most:
+        raise ValueError(f"inset={inset}: need {LEAST_INSET} <= inset <= {most:.3g} m")
+    return float(inset)
 
 
 def wall(x0: float, y0: float, x1: float, y1: float) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navrl.worlds.layout import WALL_THICKNESS, Layout, wall
+from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, wall
 
 Room = tuple[float, float, float, float]
 
@@ -15,13 +15,14 @@ class Office:
     The square is halved by a wall with a doorway, and each half that is long enough again, across.
 
     Args:
-        size: m, outer side.
+        size: m, outer side, walls included.
         door: m, clear width of a doorway.
-        min_room: m, least side of a room.
+        min_room: m, least side of a room, between the centre lines of its walls.
         inset: m from start and goal to the walls of their corners.
 
     Raises:
-        ValueError: If a door does not fit into the smallest room, or two rooms into the office.
+        ValueError: If a door does not fit into the smallest room, two rooms into the office, or
+            ``inset`` into a room.
 
     Reference:
         Paper Sec. IV-E: fixed outer size, random inner walls, doorways. 7 m and 1.1 m are the
@@ -33,16 +34,17 @@ class Office:
     def __init__(
         self, size: float = 7.0, door: float = 1.1, min_room: float = 2.2, inset: float = 0.5
     ) -> None:
-        if not 0 < door < min_room - 4 * WALL_THICKNESS or 2 * min_room > size:
+        if not 0 < door < min_room - 4 * WALL_THICKNESS or 2 * min_room > size - WALL_THICKNESS:
             raise ValueError(
                 f"door={door}, min_room={min_room}, size={size}: need door < min_room - 0.4 and "
-                "2 min_room <= size"
+                "2 min_room <= size - 0.1"
             )
-        self.size, self.door, self.min_room, self.inset = size, door, min_room, inset
+        self.size, self.door, self.min_room = size, door, min_room
+        self.inset = check_inset(inset, (min_room - WALL_THICKNESS) / 2)
 
     def layout(self, generator: np.random.Generator) -> Layout:
         """Draw a layout."""
-        half = self.size / 2
+        half = (self.size - WALL_THICKNESS) / 2  # to the outer walls' centre lines
         boxes = [
             wall(-half, -half, half, -half),
             wall(-half, half, half, half),
@@ -60,7 +62,7 @@ class Office:
             if cross is not None:
                 inner = self._door(generator, low, high)
                 boxes += _split(1 - first, cross, low, high, inner)
-        corner = (half - self.inset) * generator.choice([-1.0, 1.0], size=2)
+        corner = (half - WALL_THICKNESS / 2 - self.inset) * generator.choice([-1.0, 1.0], size=2)
         return Layout(np.array(boxes), (-half, -half, half, half), corner, -corner)
 
     def _door(self, generator: np.random.Generator, low: float, high: float) -> Room:
@@ -71,7 +73,7 @@ class Office:
     def _cut_beside(
         self, generator: np.random.Generator, low: float, high: float, door: Room
     ) -> float | None:
-        """Draw where a second wall meets the first one, off its doorway and with room on each side."""
+        """Draw where a wall meets the first one: off its doorway, with room on each side."""
         gap = 2 * WALL_THICKNESS
         spans = [
             (low + self.min_room, min(door[0] - gap, high - self.min_room)),

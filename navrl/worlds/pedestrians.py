@@ -8,7 +8,8 @@ from navrl.worlds.planner import Field, Grid, NoPathError, resample
 from navrl.worlds.scenario import MAX_ROUTE_POINTS, Pedestrian
 
 _TRIES = 30
-_STATIC_CLEARANCE = 0.65  # m, centre to wall: 0.5 m beside a 0.3 m person lets the robot pass
+_PASSAGE = 0.5  # m, least gap beside somebody who stands: the robot is 0.36 m wide
+_OFF_ENDS = 1.2  # m from somebody who stands to the path's ends, authors' precursor
 
 
 class PedestrianPlacer:
@@ -23,7 +24,7 @@ class PedestrianPlacer:
         grid: Clearance map of the world.
         path: ``[P, 2]`` m, the robot's path.
         inflation: m that routes keep off the walls where they can.
-        start_clearance: m, nobody begins nearer to the robot's start.
+        start_clearance: m, no walker begins nearer to the robot's start.
         half_size: m, of every cuboid.
 
     Reference:
@@ -47,6 +48,7 @@ class PedestrianPlacer:
             half_size,
         )
         self._fields: list[Field] = []
+        self._standing: list[np.ndarray] = []
 
     def dynamic(self, index: int, speed: float) -> Pedestrian:
         """Sample the ``index``-th dynamic pedestrian."""
@@ -57,21 +59,31 @@ class PedestrianPlacer:
         return self._walker(self._crossing(), speed)
 
     def static(self) -> Pedestrian:
-        """Sample a standing pedestrian on the path that leaves a way past.
+        """Sample somebody who stands on the path and leaves a way past on every side.
 
         Raises:
-            NoPathError: If the path has no such place.
+            NoPathError: If the path has no such place left.
         """
-        reach = len(self.path) - 1
-        margin = round(1.2 / 0.1)
-        if reach <= 2 * margin:
-            raise NoPathError("the path is too short for somebody to stand on it")
+        ends = self.path[[0, -1]]
         for _ in range(_TRIES):
-            place = self.path[self.generator.integers(margin, reach - margin + 1)]
+            place = self.path[self.generator.integers(len(self.path))]
             place = place + self.generator.uniform(-0.3, 0.3, size=2)
-            if self.grid.clearance_at(place) >= _STATIC_CLEARANCE:
+            off_ends = np.linalg.norm(place - ends, axis=-1).min() >= _OFF_ENDS
+            if off_ends and self._leaves_passage(place):
+                self._standing.append(place)
                 return Pedestrian(place[None], 0.0, 0.0, self.half_size)
         raise NoPathError("nobody can stand on the path and leave a way past")
+
+    def _leaves_passage(self, place: np.ndarray) -> bool:
+        """Whether the robot fits between ``place``'s cuboid and each wall and each other one.
+
+        It can then walk once around each cuboid, so that none of them closes a way.
+        """
+        half = max(self.half_size)
+        others = np.array(self._standing).reshape(-1, 2)
+        between = (np.abs(others - place) - 2 * half).clip(min=0.0)
+        gaps = [*self.grid.distance(place[None], half), *np.linalg.norm(between, axis=-1)]
+        return min(gaps) >= _PASSAGE
 
     def _walker(self, route: np.ndarray, speed: float) -> Pedestrian:
         """Start somewhere on the way there or back, but not near the robot."""

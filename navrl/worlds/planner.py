@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from skimage.graph import MCP_Geometric
+from skimage.measure import label
 
 _SPACING = 0.1  # m between points of a finished path
 
@@ -18,6 +19,8 @@ class Grid:
     Args:
         boxes: ``[W, 5]`` walls, axis-aligned (yaw 0), m.
         extent: (x0, y0, x1, y1) m, the region that is planned in.
+        inside: ``[2]`` m, a point of the free space that is meant. What cannot be reached from it,
+            such as the far side of an outer wall, counts as wall.
         cell: m.
 
     Reference:
@@ -26,9 +29,13 @@ class Grid:
     """
 
     def __init__(
-        self, boxes: np.ndarray, extent: tuple[float, float, float, float], cell: float = 0.1
+        self,
+        boxes: np.ndarray,
+        extent: tuple[float, float, float, float],
+        inside: np.ndarray,
+        cell: float = 0.1,
     ) -> None:
-        self.origin, self.cell = np.array(extent[:2]), cell
+        self.boxes, self.origin, self.cell = boxes, np.array(extent[:2]), cell
         x = np.arange(extent[0] + cell / 2, extent[2], cell)
         y = np.arange(extent[1] + cell / 2, extent[3], cell)
         # Axis-aligned boxes: each axis alone first, then one outer sum a box.
@@ -38,6 +45,8 @@ class Grid:
         for ax, ay in zip(dx**2, dy**2, strict=True):
             np.minimum(squared, ax[:, None] + ay[None], out=squared)
         self.clearance = np.sqrt(squared)
+        regions = label(self.clearance >= cell, connectivity=1)
+        self.clearance[regions != regions[tuple(self.index(inside))]] = 0.0
 
     def index(self, points: np.ndarray) -> np.ndarray:
         """Return the cells ``[*B, 2]`` of points ``[*B, 2]``, clipped to the grid."""
@@ -45,9 +54,14 @@ class Grid:
         return cells.clip(0, np.array(self.clearance.shape) - 1)
 
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance ``[*B]`` m to the nearest wall at the points' cells."""
+        """Return the distance ``[*B]`` m to the nearest wall at the centres of the points' cells."""
         cells = self.index(np.asarray(points))
         return self.clearance[cells[..., 0], cells[..., 1]]
+
+    def distance(self, points: np.ndarray, half_size: float = 0.0) -> np.ndarray:
+        """Return the exact distance ``[P]`` m from squares around ``points [P, 2]`` to the walls."""
+        gap = np.abs(points[:, None] - self.boxes[:, :2]) - self.boxes[:, 2:4] - half_size
+        return np.linalg.norm(gap.clip(min=0.0), axis=-1).min(axis=-1, initial=np.inf)
 
     def field(self, goal: np.ndarray, inflation: float) -> Field:
         """Return all shortest routes to ``goal`` that keep ``inflation`` m off the walls."""
@@ -134,8 +148,9 @@ def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8
     Args:
         points: ``[R, 2]`` m.
         grid: Clearance map.
-        clearance: m that the result keeps off the walls wherever the input does.
-        window: m of path that is averaged; halved until the result is clear.
+        clearance: m that rounded corners keep off the walls.
+        window: m of path that is averaged; halved until the result is clear, and if no window is
+            clear the polyline stays as it is.
 
     Returns:
         ``[P, 2]`` m, points about 0.1 m apart.
@@ -150,7 +165,7 @@ def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8
         if len(padded) == len(dense) + 2 * half:
             kernel = np.full(2 * half + 1, 1.0 / (2 * half + 1))
             rounded = np.stack([np.convolve(padded[:, k], kernel, "valid") for k in (0, 1)], axis=1)
-            if (grid.clearance_at(rounded) >= clearance).all():
+            if (grid.distance(rounded) >= clearance).all():
                 return resample(rounded)
         window /= 2
     return dense

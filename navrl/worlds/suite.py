@@ -30,9 +30,7 @@ class Suite:
         self, name: str, seed: int, num_episodes: int, distribution: ScenarioDistribution
     ) -> None:
         if seed < 0 or num_episodes <= 0:
-            raise ValueError(
-                f"seed={seed}: must be >= 0; num_episodes={num_episodes}: must be > 0"
-            )
+            raise ValueError(f"seed={seed}: must be >= 0; num_episodes={num_episodes}: must be > 0")
         self.name, self.seed, self.num_episodes = name, seed, num_episodes
         self.distribution = distribution
 
