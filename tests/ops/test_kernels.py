@@ -4,14 +4,17 @@ import itertools
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from rooms import sample_scan_pairs
 
 from navrl.ops.grouping import tagd
 from navrl.ops.icp import PAPER, ROBUST, align
+from navrl.ops.kernels.icp import search_rotation
 from navrl.ops.kernels.nearest import WINDOW
 from navrl.ops.pooling import min_pool
+from navrl.ops.rotation_search import rotation_search
 from navrl.ops.se2 import transform_points
 
 OPTIONS = {
@@ -90,15 +93,14 @@ def test_alignment_equals_torch_without_order(order):
 
 
 def test_equally_good_rotations_are_chosen_as_in_torch():
-    """Two returns fit to both sides: the turn to the right is taken, as the torch form does."""
-    angle = torch.arange(180) * (2 * math.pi / 180)
-    points = torch.stack((angle.cos(), angle.sin()), -1)
-    seen, twice = torch.zeros(2, 180, dtype=torch.bool)
-    seen[[10, 60]], twice[[7, 13, 57, 63]] = True, True
-    scans = [points[None], seen[None], points[None], twice[None]]
-    options = replace(PAPER, initialization="rotation_search", gate=0.05, min_pairs=2)
-    result = assert_same_alignment(scans, options)
-    assert result.transform[0, 2] == pytest.approx(-3 * 2 * math.pi / 180)
+    """Two returns fit to both sides, to the last bit: the turn to the right is taken."""
+    rows = np.zeros((2, 3, 180))  # x, y and whether it is a return, of source and target
+    rows[0][:, [10, 60]] = rows[1][:, [7, 13, 57, 63]] = [[1.0], [0.0], [1.0]]
+    source, target = (torch.from_numpy(part[:2].T.copy()) for part in rows)
+    seen, twice = (torch.from_numpy(part[2] > 0) for part in rows)
+    yaw = rotation_search(source, seen, target, twice)
+    assert yaw == pytest.approx(-3 * 2 * math.pi / 180)
+    assert search_rotation(*rows, 0.7) == pytest.approx(yaw.item())
 
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf, 0.0])
