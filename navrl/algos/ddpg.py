@@ -37,6 +37,8 @@ class DDPG:
         gamma: Discount factor per step.
         actor_learning_rate: Adam step size of the actor.
         critic_learning_rate: Adam step size of the critic.
+        final_learning_rate_scale: Both rates fall linearly to this multiple by the end of the
+            training; see :meth:`anneal`.
         tau: Share of the online weights that enters the target weights after each update.
         max_gradient_norm: Gradients of each network are clipped to this norm.
         loss_function: ``"l2"`` or ``"smooth_l1"`` on the temporal difference.
@@ -58,6 +60,7 @@ class DDPG:
         gamma: float = 0.98,
         actor_learning_rate: float = 1e-4,
         critic_learning_rate: float = 1e-4,
+        final_learning_rate_scale: float = 1.0,
         tau: float = 0.005,
         max_gradient_norm: float = 10.0,
         loss_function: str = "l2",
@@ -65,6 +68,10 @@ class DDPG:
     ) -> None:
         if not 0 <= gamma <= 1 or not 0 < tau <= 1:
             raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
+        if not 0 <= final_learning_rate_scale <= 1:
+            raise ValueError(
+                f"final_learning_rate_scale={final_learning_rate_scale}: must be in [0, 1]"
+            )
         if min(actor_learning_rate, critic_learning_rate, max_gradient_norm) <= 0:
             raise ValueError(
                 f"actor_learning_rate={actor_learning_rate}, critic_learning_rate="
@@ -89,7 +96,24 @@ class DDPG:
         self.critic_optimizer = torch.optim.Adam(
             self._critic_weights, lr=critic_learning_rate, fused=True
         )
+        self._final_scale = final_learning_rate_scale
+        self._optimizers = (
+            (self.actor_optimizer, actor_learning_rate),
+            (self.critic_optimizer, critic_learning_rate),
+        )
         self.target_update = SoftUpdate(self.loss, tau=tau)
+
+    def anneal(self, share_done: float) -> None:
+        """Scale both learning rates linearly from 1 to ``final_learning_rate_scale``.
+
+        Args:
+            share_done: Share of the training that is done, in [0, 1]. A function of the trainer's
+                counters, so that a resumed run goes on exactly.
+        """
+        scale = 1 + min(share_done, 1.0) * (self._final_scale - 1)
+        for optimizer, initial in self._optimizers:
+            for group in optimizer.param_groups:
+                group["lr"] = initial * scale
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """Take one gradient step on both networks and move the targets.

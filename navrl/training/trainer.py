@@ -204,6 +204,7 @@ class Trainer:
     def _update(self) -> None:
         with self._phase("replay_sample"):
             batch = self.replay.sample()
+        self.algorithm.anneal(self.progress.frames / self.schedule.total_frames)
         with self._phase("update"):
             try:
                 scalars = self.algorithm.update(batch)

@@ -91,6 +91,14 @@ def test_bfloat16_is_close_to_float32():
         torch.testing.assert_close(fast[name], exact[name], rtol=0.1, atol=0.02)
 
 
+def test_learning_rates_fall_linearly():
+    ddpg = agent(actor_learning_rate=1.0, critic_learning_rate=2.0, final_learning_rate_scale=0.1)
+    for share, expected in ((0.0, 1.0), (0.5, 0.55), (1.0, 0.1), (2.0, 0.1)):
+        ddpg.anneal(share)
+        assert ddpg.actor_optimizer.param_groups[0]["lr"] == pytest.approx(expected)
+        assert ddpg.critic_optimizer.param_groups[0]["lr"] == pytest.approx(2 * expected)
+
+
 def test_not_finite_stops_before_any_weight_changes():
     ddpg, data = agent(), batch()
     before = {k: v.clone() for k, v in ddpg.loss.state_dict().items()}
