@@ -151,12 +151,8 @@ def align(
     blocks = [
         _align(*block, options) for block in zip(*(scan.split(size) for scan in scans), strict=True)
     ]
-    return Alignment(
-        *(
-            part.reshape((*batch, *part.shape[1:]))
-            for part in map(torch.cat, zip(*blocks, strict=True))
-        )
-    )
+    parts = (torch.cat(part) for part in zip(*blocks, strict=True))
+    return Alignment(*(part.reshape((*batch, *part.shape[1:])) for part in parts))
 
 
 def _align_compiled(

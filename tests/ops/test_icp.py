@@ -8,8 +8,8 @@ import torch
 from rooms import errors, sample_scan_pairs
 
 from navrl.ops import se2
-from navrl.ops.icp import PAPER, ROBUST, IcpOptions, align
-from navrl.ops.lines import fit_lines
+from navrl.ops.icp import PAPER, ROBUST, IcpOptions, _line_step, align
+from navrl.ops.lines import ScanLines, fit_lines
 from navrl.ops.rigid_fit import fit_rigid
 from navrl.ops.rotation_search import rotation_search
 
@@ -193,6 +193,16 @@ def test_a_corridor_without_ends_stays_well_posed():
     assert result.converged
     torch.testing.assert_close(result.transform[1:], truth[1:], atol=2e-3, rtol=0)
     assert result.transform[0].abs() < 0.05
+
+
+def test_a_line_step_takes_what_lines_do_not_show_from_the_points():
+    """Across a corridor's walls the lines decide; along them only the matched points can."""
+    points = torch.tensor([[[x, y] for x in (-2.0, -1, 0, 1, 2) for y in (-1.0, 1.0)]])
+    every = torch.ones(1, 10, dtype=torch.bool)
+    lines = ScanLines(torch.tensor([0.0, 1.0]).expand(1, 10, 2), every)
+    closest = points + torch.tensor([0.02, -0.03])
+    step = _line_step(points, closest, every, lines, robust_scale=None)
+    torch.testing.assert_close(step, torch.tensor([[0.02, -0.03, 0.0]]), atol=1e-4, rtol=0)
 
 
 def test_closed_form_equals_svd():

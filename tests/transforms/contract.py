@@ -125,6 +125,15 @@ class TransformContract:
             value.zero_() if value.dtype == torch.bool else value.fill_(7)
         assert_same(following, kept, self.make().out_keys)
 
+    def test_outputs_are_tensors_of_their_own(self):
+        """Writing to one key later must not change another."""
+        root = make_env(self.steps()).reset()
+        out_keys = self.make().out_keys
+        others = {key: root[key].data_ptr() for key in root.keys(True, True)}
+        for key in out_keys:
+            address = others.pop(key)
+            assert address not in others.values(), key
+
     @pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
     def test_in_workers_as_outside(self, kind):
         """The transform gives the same inside the workers as around them."""

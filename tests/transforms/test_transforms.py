@@ -172,6 +172,14 @@ class TestTAGD(TransformContract):
         tagd = TAGD(max_range=2.5, in_keys=in_keys, out_keys=[["tagd", "c"], ["tagd", "real"]])
         return [*strangers_scan(), strangers_icp(), tagd]
 
+    def test_scans_are_read_in_their_roles(self):
+        now, before = torch.tensor([[1.0, 0.0]]), torch.tensor([[1.1, 0.05]])
+        real = torch.tensor([True])
+        tagd, valid = TAGD()(points=now, returns=real, points_aligned=before, returns_previous=real)
+        torch.testing.assert_close(tagd[0], torch.tensor([1.1, 0.05, 1.0, 0.0]))
+        assert valid[0].all()
+        assert not valid[1:].any()
+
 
 class TestWaypoints(TransformContract):
     is_memoryless = False
