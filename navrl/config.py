@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import inspect
 import os
 import re
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+import yaml
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, InstantiationException
@@ -25,7 +27,7 @@ CONF_DIR = next(
 )
 """Inside the package when installed from a wheel, beside it in a clone."""
 
-_USER_ERRORS = (ValueError, OSError, HydraException, OmegaConfBaseException)
+_USER_ERRORS = (ValueError, OSError, yaml.YAMLError, HydraException, OmegaConfBaseException)
 
 
 def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:
@@ -115,17 +117,29 @@ class _ErrorLine:
 
 def describe(error: BaseException) -> str:
     """Say in one line what went wrong and where."""
-    place = ""
+    place = allowed = ""
     while isinstance(error, InstantiationException):
         match = re.search(r"full_key: (\S+)", str(error))
         place = f"{match[1]}: " if match else place
+        allowed = _arguments_of(str(error)) or allowed
         if error.__cause__ is None:
             break
         error = error.__cause__
     text = re.sub(r"\s+", " ", str(error)).strip()
     text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
+    text = text.partition(" Config search path:")[0]
     name = "" if isinstance(error, _USER_ERRORS) else f"{type(error).__name__}: "
-    return f"{place}{name}{text}"
+    return f"{place}{name}{text}" + (allowed if isinstance(error, TypeError) else "")
+
+
+def _arguments_of(message: str) -> str:
+    """Return the arguments that the target of a failed call takes."""
+    match = re.search(r"call to target '([\w.]+)'", message)
+    try:
+        names = list(inspect.signature(hydra.utils.get_object(match[1])).parameters)
+    except Exception:  # the hint must never hide the error
+        return ""
+    return f"; arguments are {', '.join(names)}"
 
 
 def _nearest_keys(line: str, config_name: str) -> str:
@@ -139,7 +153,8 @@ def _nearest_keys(line: str, config_name: str) -> str:
         known = [name for name, _ in _leaves(compose(config_name))] + _groups()
     except Exception:  # the hint must never hide the error
         return ""
-    near = difflib.get_close_matches(match[1], known, n=3, cutoff=0.5)
+    known = {name for name in known if not name.endswith("_")}  # no _target_
+    near = difflib.get_close_matches(match[1], sorted(known), n=3, cutoff=0.7)
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrl.objectives import DDPGLoss, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
+
 class NonFiniteUpdateError(FloatingPointError):
     """A loss or gradient is NaN or infinite; raised before any weight changes.
 

@@ -72,9 +72,7 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     actor, critic = make_agent(cfg, shapes)
     return Trainer(
         env=env,
-        behaviour=instantiate(
-            cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration)
-        ),
+        behaviour=instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration)),
         algorithm=instantiate(cfg.algorithm, actor=actor, critic=critic),
         replay=instantiate(cfg.replay, observation_keys=actor.in_keys),
         curriculum=instantiate(cfg.curriculum),

@@ -31,7 +31,9 @@ class Outcome(IntEnum):
     TIMEOUT = 4
 
 
-def classify(contact: Tensor, goal_distance: Tensor, goal_radius: float, timed_out: Tensor) -> Tensor:
+def classify(
+    contact: Tensor, goal_distance: Tensor, goal_radius: float, timed_out: Tensor
+) -> Tensor:
     """Decide the outcome of a step.
 
     Args:

@@ -59,7 +59,7 @@ class AttentionStream(nn.Module):
         self.out_features = self.attention.out_features
 
     def forward(self, value: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the stream's feature ``[*B, out_features]`` and its weights ``[*B, num_items]``."""
+        """Return the feature ``[*B, out_features]`` and the weights ``[*B, num_items]``."""
         items = value.flatten(-2).unflatten(-1, (self.num_items, -1))
         return self.attention(items, context.flatten(-2))
 

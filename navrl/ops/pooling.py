@@ -85,7 +85,8 @@ def check_pooling(
         raise ValueError(f"group_size must be at least 1, got {group_size}")
     if shape[-1] % group_size:
         raise ValueError(
-            f"group_size must divide the number of beams: {shape[-1]} beams, group_size {group_size}"
+            f"group_size must divide the number of beams: {shape[-1]} beams, "
+            f"group_size {group_size}"
         )
     if not max_range > RETURN_MARGIN_M:
         raise ValueError(f"max_range must be positive, got {max_range}")

@@ -61,7 +61,7 @@ class Lidar:
         return torch.arange(self.num_beams, dtype=torch.float64) * (2.0 * math.pi / self.num_beams)
 
     def add_noise(self, ranges: Tensor, seed: Tensor, step: Tensor) -> Tensor:
-        """Return ``ranges`` with noise on every real return; see :func:`navrl.ops.noise.add_range_noise`.
+        """Return ``ranges`` with noise on real returns; see :func:`navrl.ops.noise.add_range_noise`.
 
         Args:
             ranges: [N, num_beams] float32 m, noise-free; left as they are.

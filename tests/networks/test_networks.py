@@ -6,9 +6,20 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from navrl.networks import AttentionStream, LocationAttention, StreamEncoder, make_actor, make_critic
+from navrl.networks import (
+    AttentionStream,
+    LocationAttention,
+    StreamEncoder,
+    make_actor,
+    make_critic,
+)
 
-SHAPES = {"spatial": (180, 2), "temporal": (30, 4), "waypoint": (5, 2), "spatial_previous": (180, 2)}
+SHAPES = {
+    "spatial": (180, 2),
+    "temporal": (30, 4),
+    "waypoint": (5, 2),
+    "spatial_previous": (180, 2),
+}
 STREAMS = {
     "spatial": partial(AttentionStream, in_key="spatial"),
     "temporal": partial(AttentionStream, in_key="temporal"),
