@@ -47,7 +47,7 @@ class Collision:
     """-weight, once, at any contact.
 
     Reference:
-        Paper Sec. IV-C, r_collision with alpha_1 = 10.
+        Paper Sec. IV-D, r_collision with alpha_1 = 10.
     """
 
     weight: float = 10.0
@@ -67,7 +67,7 @@ class Guidance:
             ``"after_move"`` takes it at s_{t+1}, where driving and standing still cost the same.
 
     Reference:
-        Paper Sec. IV-C, r_guide with alpha_2 = 0.2 and 0.6 m. The paper does not say at which of
+        Paper Sec. IV-D, r_guide with alpha_2 = 0.2 and 0.6 m. The paper does not say at which of
         the two states the point is taken.
     """
 
@@ -94,7 +94,7 @@ class Proximity:
         measured_from: ``"lidar"`` (its centre) or ``"hull"`` (the robot's radius taken off).
 
     Reference:
-        Paper Sec. IV-C, r_prox with alpha_3 = 3 and d_prox = 0.5 m. "Between robot and obstacle"
+        Paper Sec. IV-D, r_prox with alpha_3 = 3 and d_prox = 0.5 m. "Between robot and obstacle"
         is read as from the lidar's centre, after the authors' precursor.
     """
 

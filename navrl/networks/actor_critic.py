@@ -25,7 +25,7 @@ class ActorNetwork(nn.Module):
         with_attention: Whether the attention weights are returned after the action.
 
     Reference:
-        Paper Sec. IV-D, output module 128x64x64x2; tanh as in the authors' precursor.
+        Paper Sec. IV-E, output module 128x64x64x2; tanh as in the authors' precursor.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class CriticNetwork(nn.Module):
         hidden: Hidden layer sizes of the output module.
 
     Reference:
-        Paper Sec. IV-D, output module 128x64x64x1. The paper does not say where the action enters;
+        Paper Sec. IV-E, output module 128x64x64x1. The paper does not say where the action enters;
         it joins the features after attention, as in the authors' precursor.
     """
 

@@ -28,7 +28,7 @@ class LocationAttention(nn.Module):
         ValueError: If the score network does not end in one value.
 
     Reference:
-        Paper Sec. IV-D2 and its two equations; layer sizes from its footnote. That the embedding's
+        Paper Sec. IV-E2 and its two equations; layer sizes from its footnote. That the embedding's
         last layer is activated and the others' are not follows the authors' public precursor.
     """
 

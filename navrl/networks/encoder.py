@@ -31,7 +31,7 @@ class AttentionStream(nn.Module):
         ValueError: If a key is missing or the input cannot be split into ``num_items``.
 
     Reference:
-        Paper Sec. IV-D1. The paper's sector formula repeats N_b where the text needs N/N_b rays;
+        Paper Sec. IV-E1. The paper's sector formula repeats N_b where the text needs N/N_b rays;
         sectors here have N/N_b rays.
     """
 
@@ -76,7 +76,7 @@ class StreamEncoder(nn.Module):
         ValueError: If no stream is left.
 
     Reference:
-        Paper Sec. IV-D and Fig. 3c. NO-SPATIAL and NO-TEMPORAL (Sec. V-B1) remove a stream.
+        Paper Sec. IV-E and Fig. 3c. NO-SPATIAL and NO-TEMPORAL (Sec. V-B1) remove a stream.
     """
 
     def __init__(self, streams: Mapping[str, object | None], shapes: Shapes) -> None:

@@ -22,7 +22,7 @@ def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) 
         ValueError: If ``sizes`` is empty or a size is not positive.
 
     Reference:
-        Paper Sec. IV-D (ReLU perceptrons); the initialisation follows the authors' precursor.
+        Paper Sec. IV-E (ReLU perceptrons); the initialisation follows the authors' precursor.
     """
     if not sizes or any(size <= 0 for size in (in_features, *sizes)):
         raise ValueError(f"in_features={in_features}, sizes={list(sizes)}: need positive sizes")

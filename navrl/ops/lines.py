@@ -30,8 +30,8 @@ def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
         returns: ``[*B, N]`` bool; the others are no neighbours.
 
     Returns:
-        The lines, through the points themselves. The direction of the larger principal axis has the closed form
-        ``0.5 * atan2(2 s_xy, s_xx - s_yy)``.
+        The lines, through the points themselves, along the larger principal axis, whose direction
+        has the closed form ``0.5 * atan2(2 s_xy, s_xx - s_yy)``.
     """
     shifts = range(-HALF_WINDOW, HALF_WINDOW + 1)
     neighbour = torch.stack([points.roll(-k, -2) for k in shifts], dim=-2)  # [*B, N, 2W+1, 2]

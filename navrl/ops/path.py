@@ -54,7 +54,7 @@ def project_onto_path(
         ValueError: If a shape or a length is outside the above, naming it.
 
     Reference:
-        Paper Sec. IV-C and IV-D, the closest point p^c on the path P; the paper does not say what
+        Paper Sec. IV-C, the closest point p^c on the path P; the paper does not say what
         happens where the path crosses itself.
     """
     _check_path(path)

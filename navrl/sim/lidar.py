@@ -28,7 +28,7 @@ class Lidar:
         ValueError: a value is outside of its range.
 
     Reference:
-        Paper Sec. IV-A: RPLidar A3, 1,440 beams, capped at 3.5 m, noise "amplitude of 2.5 cm",
+        Paper Sec. IV-G: RPLidar A3, 1,440 beams, capped at 3.5 m, noise "amplitude of 2.5 cm",
         read here as the standard deviation of a beam; it is added on real returns only.
     """
 
@@ -61,7 +61,9 @@ class Lidar:
         return torch.arange(self.num_beams, dtype=torch.float64) * (2.0 * math.pi / self.num_beams)
 
     def add_noise(self, ranges: Tensor, seed: Tensor, step: Tensor) -> Tensor:
-        """Return ``ranges`` with noise on real returns; see :func:`navrl.ops.noise.add_range_noise`.
+        """Return ``ranges`` with noise on real returns.
+
+        See :func:`navrl.ops.noise.add_range_noise`.
 
         Args:
             ranges: [N, num_beams] float32 m, noise-free; left as they are.

@@ -18,7 +18,7 @@ class Curriculum:
             rate.
 
     Reference:
-        Paper Sec. IV-E1: N_dyn^max in {2, 4, 8}, raised when the success rate exceeds 70 %.
+        Paper Sec. IV-F1: N_dyn^max in {2, 4, 8}, raised when the success rate exceeds 70 %.
     """
 
     def __init__(

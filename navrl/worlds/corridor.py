@@ -19,7 +19,7 @@ class Corridor:
         ValueError: If a range is not positive or not ordered, or ``inset`` does not fit.
 
     Reference:
-        Paper Sec. IV-E: 6 to 8 m by 2.0 to 2.5 m.
+        Paper Sec. IV-F: 6 to 8 m by 2.0 to 2.5 m.
     """
 
     kind = "corridor"

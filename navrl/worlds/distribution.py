@@ -38,10 +38,11 @@ class ScenarioDistribution:
             test removes them).
 
     Raises:
-        ValueError: If a range is not ordered, a count negative, or no world has weight.
+        ValueError: If a range is not ordered, a count negative or broken, a speed or size not
+            positive, or no world has weight.
 
     Reference:
-        Paper Sec. IV-E: 1 to N_dyn^max dynamic and 1 to 2 static pedestrians at 0.5 to 1.0 m/s.
+        Paper Sec. IV-F: 1 to N_dyn^max dynamic and 1 to 2 static pedestrians at 0.5 to 1.0 m/s.
     """
 
     def __init__(
@@ -57,9 +58,16 @@ class ScenarioDistribution:
         for name, bounds in ranges.items():
             if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1]:
                 raise ValueError(f"{name}={list(bounds)}: need 0 <= least <= most")
+            if name != "speed" and any(int(bound) != bound for bound in bounds):
+                raise ValueError(f"{name}={list(bounds)}: need whole numbers")
+        if not speed[0] > 0 or len(half_size) != 2 or not min(half_size) > 0:
+            raise ValueError(
+                f"speed={list(speed)}, half_size={list(half_size)}: must be > 0; num_static places "
+                "those who stand"
+            )
         self.worlds = {name: item for name, item in worlds.items() if item is not None}
         weights = np.array([item.weight for item in self.worlds.values()])
-        if not len(weights) or (weights < 0).any() or weights.sum() <= 0:
+        if not (weights >= 0).all() or not weights.sum() > 0:
             raise ValueError(f"worlds={list(self.worlds)}: weights must be >= 0 and not all 0")
         self._shares = weights / weights.sum()
         self.num_dynamic, self.num_static = tuple(num_dynamic), tuple(num_static)

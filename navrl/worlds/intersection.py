@@ -20,7 +20,7 @@ class Intersection:
             end inside the crossing.
 
     Reference:
-        Paper Sec. IV-E: hallways 2.0 to 2.5 m wide; arms of 3 to 5 m as in the authors' precursor.
+        Paper Sec. IV-F: hallways 2.0 to 2.5 m wide; arms of 3 to 5 m as in the authors' precursor.
     """
 
     kind = "intersection"

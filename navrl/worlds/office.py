@@ -6,6 +6,7 @@ import numpy as np
 
 from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, wall
 
+_LEAST_DOOR = 0.7  # m; through a narrower one the planner keeps no clearance
 Room = tuple[float, float, float, float]
 
 
@@ -21,11 +22,11 @@ class Office:
         inset: m from start and goal to the walls of their corners.
 
     Raises:
-        ValueError: If a door does not fit into the smallest room, two rooms into the office, or
-            ``inset`` into a room.
+        ValueError: If the robot does not fit through a door, a door into the smallest room, two
+            rooms into the office, or ``inset`` into a room.
 
     Reference:
-        Paper Sec. IV-E: fixed outer size, random inner walls, doorways. 7 m and 1.1 m are the
+        Paper Sec. IV-F: fixed outer size, random inner walls, doorways. 7 m and 1.1 m are the
         authors' precursor's.
     """
 
@@ -34,10 +35,11 @@ class Office:
     def __init__(
         self, size: float = 7.0, door: float = 1.1, min_room: float = 2.2, inset: float = 0.5
     ) -> None:
-        if not 0 < door < min_room - 4 * WALL_THICKNESS or 2 * min_room > size - WALL_THICKNESS:
+        fits = _LEAST_DOOR <= door < min_room - 4 * WALL_THICKNESS
+        if not fits or not 2 * min_room <= size - WALL_THICKNESS:
             raise ValueError(
-                f"door={door}, min_room={min_room}, size={size}: need door < min_room - 0.4 and "
-                "2 min_room <= size - 0.1"
+                f"door={door}, min_room={min_room}, size={size}: need {_LEAST_DOOR} <= door, "
+                "door < min_room - 0.4 and 2 min_room <= size - 0.1"
             )
         self.size, self.door, self.min_room = size, door, min_room
         self.inset = check_inset(inset, (min_room - WALL_THICKNESS) / 2)

@@ -8,6 +8,8 @@ from navrl.worlds.planner import Field, Grid, NoPathError, resample
 from navrl.worlds.scenario import MAX_ROUTE_POINTS, Pedestrian
 
 _TRIES = 30
+_CROSSING_TRIES = 4
+_TOUCH = 0.3  # m between path and route at which robot and pedestrian, 0.33 m, would collide
 _PASSAGE = 0.5  # m, least gap beside somebody who stands: the robot is 0.36 m wide
 _OFF_ENDS = 1.2  # m from somebody who stands to the path's ends, authors' precursor
 
@@ -16,8 +18,8 @@ class PedestrianPlacer:
     """Sample pedestrians for one empty world.
 
     The first dynamic pedestrian walks the robot's path towards it, the second between two places
-    beside that path, the others between places drawn anywhere, on routes that touch the path if a
-    few draws find one. Static ones stand on the path.
+    beside that path, the others between places drawn anywhere, on routes that touch the path.
+    Static ones stand on the path.
 
     Args:
         generator: Source of all randomness.
@@ -28,8 +30,9 @@ class PedestrianPlacer:
         half_size: m, of every cuboid.
 
     Reference:
-        Paper Sec. IV-E1; standing on the path at least 1.2 m from its ends, and the pedestrian that
-        walks the robot's path backwards, are the authors' precursor's.
+        Paper Sec. IV-F1: the first ones around the robot's path, and all others cross it. Standing
+        on the path at least 1.2 m from its ends, and the pedestrian that walks the robot's path
+        backwards, are the authors' precursor's.
     """
 
     def __init__(
@@ -111,22 +114,28 @@ class PedestrianPlacer:
         return self._oncoming()
 
     def _crossing(self) -> np.ndarray:
-        """Between two places anywhere; of a few draws, the first that touches the path."""
-        best: tuple[float, np.ndarray] | None = None
-        for _ in range(4):
+        """Between two places anywhere, by a route that touches the robot's path."""
+        for _ in range(_CROSSING_TRIES):
             field = self._shared_field()
             start = self.grid.sample_free(self.generator, self.inflation)
             if not field.reaches(start) or np.linalg.norm(start - field.goal) < 2.0:
                 continue
             route = self._route(start, field)
-            gap = np.linalg.norm(
-                resample(route, 0.3)[:, None] - self.path[None, ::3], axis=-1
-            ).min()
-            if best is None or gap < best[0]:
-                best = (float(gap), route)
-            if gap < 0.5:
-                break
-        return self._beside() if best is None else best[1]
+            gaps = np.linalg.norm(resample(route)[:, None] - self.path[None], axis=-1)
+            if gaps.min() < _TOUCH:
+                return route
+        return self._through()
+
+    def _through(self) -> np.ndarray:
+        """From anywhere to a point of the path and on to anywhere else, 2 m of way or more."""
+        middle = self._field(self.path[self.generator.integers(len(self.path))])
+        for _ in range(_TRIES):
+            ends = [self.grid.sample_free(self.generator, self.inflation) for _ in range(2)]
+            far = np.linalg.norm(ends - middle.goal, axis=-1).min() >= 1.0
+            if far and all(middle.reaches(end) for end in ends):
+                there, back = (middle.route(end) for end in ends)
+                return simplify(np.concatenate([there, back[-2::-1]]))
+        raise NoPathError("no route leads through the robot's path")
 
     def _shared_field(self) -> Field:
         """Fields cost most of a scenario's time: three goals serve all who walk anywhere."""

@@ -54,12 +54,12 @@ class Grid:
         return cells.clip(0, np.array(self.clearance.shape) - 1)
 
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance ``[*B]`` m to the nearest wall at the centres of the points' cells."""
+        """Return the distance ``[*B]`` m to the nearest wall from the points' cells' centres."""
         cells = self.index(np.asarray(points))
         return self.clearance[cells[..., 0], cells[..., 1]]
 
     def distance(self, points: np.ndarray, half_size: float = 0.0) -> np.ndarray:
-        """Return the exact distance ``[P]`` m from squares around ``points [P, 2]`` to the walls."""
+        """Return the exact distance ``[P]`` m to the walls of squares around ``points [P, 2]``."""
         gap = np.abs(points[:, None] - self.boxes[:, :2]) - self.boxes[:, 2:4] - half_size
         return np.linalg.norm(gap.clip(min=0.0), axis=-1).min(axis=-1, initial=np.inf)
 

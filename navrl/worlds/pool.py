@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from pathlib import Path
 
@@ -87,9 +88,12 @@ class ScenarioPool:
 
 
 def _fingerprint(suite: Suite) -> str:
-    """A few scenarios tell suites apart: any change of code or config changes them."""
+    """Tell suites apart by a few of their scenarios, and versions of this package by its source."""
+    source = hashlib.sha256()
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        source.update(file.read_bytes())
     few = [int(k) for k in np.linspace(0, suite.num_episodes - 1, min(suite.num_episodes, 8))]
-    return f"{suite.num_episodes}-{suite.hash(suite.scenarios(few))}"
+    return f"{suite.num_episodes}-{suite.hash(suite.scenarios(few))}-{source.hexdigest()}"
 
 
 def _load(cache: Path, suite: Suite) -> ScenarioBatch | None:

@@ -29,7 +29,7 @@ class Pedestrian:
         ValueError: If a value is out of range.
 
     Reference:
-        Paper Sec. IV-E1. The paper gives no size; 0.26 to 0.30 m is the authors' precursor's.
+        Paper Sec. IV-F1. The paper gives no size; 0.26 to 0.30 m is the authors' precursor's.
     """
 
     route: np.ndarray
@@ -41,7 +41,7 @@ class Pedestrian:
         shape = np.shape(self.route)
         if len(shape) != 2 or shape[1] != 2 or not 1 <= shape[0] <= MAX_ROUTE_POINTS:
             raise ValueError(f"route: need [1..{MAX_ROUTE_POINTS}, 2], got {list(shape)}")
-        if self.speed < 0 or self.offset < 0 or min(self.half_size) <= 0:
+        if not (self.speed >= 0 and self.offset >= 0 and min(self.half_size) > 0):
             raise ValueError(
                 f"speed={self.speed}, offset={self.offset}: must be >= 0; "
                 f"half_size={self.half_size}: must be > 0"
@@ -120,14 +120,15 @@ class Scenario:
         """Rebuild from :meth:`to_dict`.
 
         Raises:
-            ValueError: If the format is unknown or a key is missing.
+            ValueError: If the format is unknown, a key is missing or one is not known.
         """
         plain = dict(plain)
         if plain.pop("format", None) != _FORMAT:
             raise ValueError(f"scenario: need format {_FORMAT!r}")
-        missing = cls.__dataclass_fields__.keys() - plain.keys()
-        if missing:
-            raise ValueError(f"scenario: missing {sorted(missing)}")
+        missing = sorted(cls.__dataclass_fields__.keys() - plain.keys())
+        unknown = sorted(plain.keys() - cls.__dataclass_fields__.keys())
+        if missing or unknown:
+            raise ValueError(f"scenario: missing {missing}, unknown {unknown}")
         people = tuple(
             Pedestrian(
                 np.asarray(person["route"], dtype=np.float64).reshape(-1, 2),

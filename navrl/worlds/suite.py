@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_all_start_methods, get_context
 
 from navrl.worlds.batch import ScenarioBatch
 from navrl.worlds.distribution import ScenarioDistribution
@@ -14,7 +14,7 @@ from navrl.worlds.scenario import Scenario
 
 
 class Suite:
-    """Episodes 0 to ``num_episodes`` of a distribution, under a name and a seed.
+    """Episodes 0 to ``num_episodes`` - 1 of a distribution, under a name and a seed.
 
     Args:
         name: Part of what determines each scenario.
@@ -53,7 +53,9 @@ class Suite:
         sample = partial(self.distribution.sample, self.name, self.seed)
         if num_workers <= 1 or len(indices) < 32:
             return [sample(index) for index in indices]
-        with ProcessPoolExecutor(num_workers, mp_context=get_context("forkserver")) as workers:
+        # Never fork: this process may run threads of torch and of the kernels.
+        method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+        with ProcessPoolExecutor(num_workers, mp_context=get_context(method)) as workers:
             return list(workers.map(sample, indices, chunksize=16))
 
     def batch(self, num_workers: int = 1) -> ScenarioBatch:
@@ -67,6 +69,6 @@ class Suite:
             scenarios: All of them, if they were generated already.
         """
         digest = hashlib.sha256()
-        for scenario in scenarios or self.scenarios():
+        for scenario in self.scenarios() if scenarios is None else scenarios:
             digest.update(scenario.to_json().encode() + b"\n")
         return digest.hexdigest()
