@@ -9,13 +9,13 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
-from tqdm import tqdm
 
 from navrl.build.environment import make_env, make_navigation_env, num_threads
 from navrl.config import CONF_DIR, instantiate
 from navrl.evaluation import evaluate, summarize, write_results
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.policies import ZOO, load_bundle, zoo_names
+from navrl.progress_bar import progress_bar
 from navrl.worlds import ScenarioBatch
 
 
@@ -103,7 +103,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     contender = make_contender(cfg)
     suite = instantiate(cfg.suite)
     scenarios = suite.scenarios(num_workers=num_threads(cfg))
-    with tqdm(total=len(scenarios), unit="episode", disable=not cfg.progress_bar) as bar:
+    with progress_bar(len(scenarios), "episode", enabled=cfg.progress_bar) as bar:
         records = evaluate(
             contender.env, contender.policy, ScenarioBatch.pack(scenarios), on_chunk=bar.update
         )

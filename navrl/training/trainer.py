@@ -18,6 +18,7 @@ from tqdm import tqdm
 from navrl import keys
 from navrl.algos import DDPG, NonFiniteUpdateError
 from navrl.envs import Outcome
+from navrl.progress_bar import progress_bar
 from navrl.training.behaviour import Behaviour
 from navrl.training.checkpoint import CheckpointStore
 from navrl.training.curriculum import Curriculum
@@ -136,13 +137,8 @@ class Trainer:
         if resumed:
             self._restore()
         log = MetricsLog(self.folder, resume_frames=self.progress.frames if resumed else None)
-        bar = tqdm(
-            total=self.schedule.total_frames,
-            initial=self.progress.frames,
-            unit="frame",
-            unit_scale=True,
-            disable=not self.progress_bar,
-        )
+        total, done = self.schedule.total_frames, self.progress.frames
+        bar = progress_bar(total, "frame", initial=done, enabled=self.progress_bar)
         try:
             with set_exploration_type(ExplorationType.RANDOM):
                 self._loop(log, bar)

@@ -1,0 +1,30 @@
+"""A progress bar that does not flood a log file."""
+
+from __future__ import annotations
+
+import sys
+
+from tqdm import tqdm
+
+_TERMINAL_INTERVAL_S = 0.1
+_LOG_INTERVAL_S = 30.0  # each refresh is a line of its own in a file
+
+
+def progress_bar(total: int, unit: str, *, initial: int = 0, enabled: bool = True) -> tqdm:
+    """Return a bar with rates and remaining time on standard error.
+
+    Args:
+        total: Units at the end.
+        unit: Name of one.
+        initial: Units done before.
+        enabled: Whether to show it at all.
+    """
+    interval = _TERMINAL_INTERVAL_S if sys.stderr.isatty() else _LOG_INTERVAL_S
+    return tqdm(
+        total=total,
+        initial=initial,
+        unit=unit,
+        unit_scale=total > 10_000,
+        mininterval=interval,
+        disable=not enabled,
+    )
