@@ -38,3 +38,10 @@ def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
                 raise ValueError(f"backend 'numba' cannot take {obstacle}")
             return False
     return True
+
+
+def check_same_device(**tensors: Tensor) -> None:
+    """Raise a ValueError that names each tensor's device unless all are on the same one."""
+    if len({tensor.device for tensor in tensors.values()}) > 1:
+        devices = ", ".join(f"{name} on {tensor.device}" for name, tensor in tensors.items())
+        raise ValueError(f"all tensors must be on one device, got {devices}")

@@ -8,7 +8,8 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import Backend, is_compiled
+from navrl.ops.backend import Backend, check_same_device, is_compiled
+from navrl.ops.returns import finite_returns
 
 # A point on the border of two sectors belongs to both, also in float32.
 SECTOR_TOLERANCE_RAD = 1e-6
@@ -78,6 +79,14 @@ def tagd(
     _check_scan("points", points, "returns", returns)
     _check_scan("previous_points", previous_points, "previous_returns", previous_returns)
     check_grouping(num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
+    check_same_device(
+        points=points,
+        returns=returns,
+        previous_points=previous_points,
+        previous_returns=previous_returns,
+    )
+    returns = finite_returns(points, returns)
+    previous_returns = finite_returns(previous_points, previous_returns)
     if is_compiled(backend, points, returns, previous_points, previous_returns):
         options = (num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
         return _tagd_compiled((points, returns, previous_points, previous_returns), options)

@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from navrl.ops import se2
-from navrl.ops.backend import Backend, is_compiled
+from navrl.ops.backend import Backend, check_same_device, is_compiled
 from navrl.ops.lines import ScanLines, fit_lines
+from navrl.ops.returns import finite_returns
 from navrl.ops.rigid_fit import fit_rigid
 from navrl.ops.rotation_search import rotation_search
 
@@ -115,7 +116,7 @@ def align(
 
     Args:
         source_points: ``[*B, N, 2]`` m, e.g. scan t-1 in its own frame.
-        source_returns: ``[*B, N]`` bool, which points are real.
+        source_returns: ``[*B, N]`` bool, which points are real; those not finite never are.
         target_points: ``[*B, M, 2]`` m, e.g. scan t in its own frame.
         target_returns: ``[*B, M]`` bool.
         options: How to align.
@@ -134,6 +135,8 @@ def align(
         rotation search and the point-to-line stage are additions.
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
+    source_returns = finite_returns(source_points, source_returns)
+    target_returns = finite_returns(target_points, target_returns)
     if is_compiled(backend, source_points, source_returns, target_points, target_returns):
         return _align_compiled(
             source_points, source_returns, target_points, target_returns, options
@@ -298,6 +301,12 @@ def _check_scans(
                 f"{name}_returns must be bool of shape {tuple(points.shape[:-1])}, "
                 f"got {returns.dtype} of shape {tuple(returns.shape)}"
             )
+    check_same_device(
+        source_points=source_points,
+        source_returns=source_returns,
+        target_points=target_points,
+        target_returns=target_returns,
+    )
     if source_points.shape[:-2] != target_points.shape[:-2]:
         raise ValueError(
             f"source_points and target_points must have the same batch, "

@@ -6,7 +6,7 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import Backend, is_compiled
+from navrl.ops.backend import Backend, check_same_device, is_compiled
 
 
 def cast_rays(
@@ -60,11 +60,7 @@ def _check(
             f"num_boxes must be {list(batch)} integers, "
             f"got {list(num_boxes.shape)} {num_boxes.dtype}"
         )
-    if not (pose.device == boxes.device == num_boxes.device):
-        raise ValueError(
-            "pose, boxes and num_boxes must be on one device, "
-            f"got {pose.device}, {boxes.device}, {num_boxes.device}"
-        )
+    check_same_device(pose=pose, boxes=boxes, num_boxes=num_boxes)
     if num_beams < 1:
         raise ValueError(f"num_beams must be at least 1, got {num_beams}")
     if not (max_range > 0.0 and math.isfinite(max_range)):
