@@ -50,8 +50,10 @@ def make_agent(
     """Build actor and critic for observations of the given shapes; seeds their weights."""
     torch.manual_seed(cfg.seed)
     node = actor_node(cfg, shapes)
+    critic = {**node, "_target_": "navrl.networks.make_critic"}
+    critic.pop("saturation_penalty", None)  # only the actor ends in a tanh
     torch.manual_seed(cfg.seed)
-    return instantiate(node), instantiate({**node, "_target_": "navrl.networks.make_critic"})
+    return instantiate(node), instantiate(critic)
 
 
 def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from navrl import keys
 from navrl.networks.encoder import Shapes
 from navrl.networks.mlp import mlp
+from navrl.networks.restraint import restrain
 
 Encoder = Callable[..., nn.Module]
 
@@ -23,9 +24,15 @@ class ActorNetwork(nn.Module):
         action_size: Number of action dimensions.
         hidden: Hidden layer sizes of the output module.
         with_attention: Whether the attention weights are returned after the action.
+        saturation_penalty: Weight of the penalty on large inputs of the tanh while learning; see
+            :func:`navrl.networks.restraint.restrain`.
+
+    Raises:
+        ValueError: If ``saturation_penalty`` is negative.
 
     Reference:
-        Paper Sec. IV-E, output module 128x64x64x2; tanh as in the authors' precursor.
+        Paper Sec. IV-E, output module 128x64x64x2; tanh as in the authors' precursor. The penalty
+        is an addition, 0 by default.
     """
 
     def __init__(
@@ -34,8 +41,12 @@ class ActorNetwork(nn.Module):
         action_size: int = 2,
         hidden: Sequence[int] = (128, 64, 64),
         with_attention: bool = False,
+        saturation_penalty: float = 0.0,
     ) -> None:
         super().__init__()
+        if not saturation_penalty >= 0.0:
+            raise ValueError(f"saturation_penalty={saturation_penalty}: must be >= 0")
+        self.saturation_penalty = saturation_penalty
         self.encoder = encoder
         self.output = mlp(encoder.out_features, [*hidden, action_size])
         self.with_attention = with_attention
@@ -43,7 +54,8 @@ class ActorNetwork(nn.Module):
     def forward(self, *inputs: Tensor) -> Tensor | tuple[Tensor, ...]:
         """Return the action ``[*B, action_size]``, and the weights if asked for."""
         feature, *weights = self.encoder(*inputs)
-        action = torch.tanh(in_float32(self.output, feature))
+        action = in_float32(self.output, feature)
+        action = torch.tanh(restrain(action, self.saturation_penalty))
         return (action, *weights) if self.with_attention else action
 
 
@@ -85,6 +97,7 @@ def make_actor(
     action_size: int = 2,
     hidden: Sequence[int] = (128, 64, 64),
     with_attention: bool = False,
+    saturation_penalty: float = 0.0,
 ) -> TensorDictModule:
     """Build the actor as a TensorDict module.
 
@@ -94,6 +107,7 @@ def make_actor(
         action_size: Number of action dimensions.
         hidden: Hidden layer sizes of the output module.
         with_attention: Whether ``<stream>_attention`` keys are written beside the action.
+        saturation_penalty: See :class:`ActorNetwork`.
 
     Returns:
         A module that reads the encoder's keys and writes ``action`` in [-1, 1].
@@ -101,7 +115,9 @@ def make_actor(
     Raises:
         ValueError: If the encoder needs a key that ``shapes`` lacks.
     """
-    network = ActorNetwork(encoder(shapes=shapes), action_size, hidden, with_attention)
+    network = ActorNetwork(
+        encoder(shapes=shapes), action_size, hidden, with_attention, saturation_penalty
+    )
     out_keys = [keys.ACTION, *(network.encoder.attention_keys if with_attention else [])]
     return TensorDictModule(network, in_keys=network.encoder.in_keys, out_keys=out_keys)
 

@@ -13,6 +13,7 @@ from navrl.networks import (
     make_actor,
     make_critic,
 )
+from navrl.networks.restraint import restrain
 
 SHAPES = {
     "spatial": (180, 2),
@@ -138,3 +139,18 @@ def test_bad_sizes_are_named():
         StreamEncoder({"spatial": None}, SHAPES)
     with pytest.raises(ValueError, match="last layer must have size 1"):
         LocationAttention(4, 3, score=(8, 2))
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.3])
+def test_restraint_is_the_identity_with_the_gradient_of_a_penalty(weight):
+    value = torch.randn(5, 2, requires_grad=True)
+    assert torch.equal(restrain(value, weight), value)
+    (gradient,) = torch.autograd.grad((restrain(value, weight) ** 3).mean(), value)
+    loss = (value**3).mean() + weight * value.square().sum(-1).mean()
+    torch.testing.assert_close(gradient, torch.autograd.grad(loss, value)[0])
+
+
+def test_a_saturated_actor_is_pulled_back():
+    value = torch.full((4, 2), 30.0, requires_grad=True)
+    (gradient,) = torch.autograd.grad(torch.tanh(restrain(value, 0.01)).mean(), value)
+    assert (gradient > 0).all()
