@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from torchrl.envs import TransformedEnv
 
 import navrl
 from navrl.build.environment import make_env, make_navigation_env, make_pool
+from navrl.build.provenance import recorded_commands
 from navrl.config import instantiate
 from navrl.evaluation import evaluate, rates
 from navrl.policies import save_bundle
@@ -121,21 +120,23 @@ def save_policy(
     config["actor"] = actor_node(cfg, shapes)
     config["time_step_s"] = float(cfg.simulator.time_step_s)
     config["navrl_version"] = navrl.__version__
-    save_bundle(folder, config=config, actor=actor, metrics=metrics, card=_card(metrics))
+    card = _card(metrics, recorded_commands(folder.parent))
+    save_bundle(folder, config=config, actor=actor, metrics=metrics, card=card)
 
 
 def _plain(cfg: DictConfig, part: str) -> dict:
     return OmegaConf.to_container(cfg[part], resolve=True)
 
 
-def _card(metrics: Mapping[str, float]) -> str:
-    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+def _card(metrics: Mapping[str, float], commands: str) -> str:
     rows = "\n".join(f"| {name} | {value:.6g} |" for name, value in metrics.items())
     return f"""# Policy
 
 Saved by navrl {navrl.__version__} as the best checkpoint of the highest curriculum level.
 
-Command: `{command}`
+```
+{commands.strip() or "command not recorded"}
+```
 
 Validation (chooses the checkpoint; not a test result):
 

@@ -9,6 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from navrl import build
+from navrl.build.provenance import record_command
 from navrl.config import compose, hydra_main, set_default, target_packages
 from navrl.viz import plot_curves, save_gif, save_png
 
@@ -24,6 +25,7 @@ def main(cfg: DictConfig) -> float:
     else:
         folder = Path(cfg.resume)
         cfg = _resumed(folder)
+    record_command(folder)
     build.set_threads(cfg)
     progress = build.make_trainer(cfg, folder).run()
     log.info(

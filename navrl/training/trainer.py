@@ -267,7 +267,8 @@ class Trainer:
         log.log(progress.frames, progress.updates, row)
         if (level, rate) > (progress.best_level, progress.best_success_rate):
             progress.best_level, progress.best_success_rate = level, rate
-            self.on_best({**metrics, "frames": progress.frames, "updates": progress.updates})
+            done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
+            self.on_best({**metrics, **done})
         if self.curriculum.report(rate):
             self.env.base_env.max_dynamic = self.curriculum.max_dynamic
 

@@ -1,0 +1,51 @@
+"""How a run came about: its commands, the code and the machine, as a line each."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import navrl
+
+_FILE = "commands.txt"
+
+
+def record_command(folder: Path) -> None:
+    """Append this process's command, code version and machine to the run's history."""
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    with (folder / _FILE).open("a", encoding="utf-8") as history:
+        history.write(f"{command}  # {now}, navrl {_version()}, {_machine()}\n")
+
+
+def recorded_commands(folder: Path) -> str:
+    """Return what :func:`record_command` wrote, oldest first; empty if nothing was recorded."""
+    file = folder / _FILE
+    return file.read_text(encoding="utf-8") if file.is_file() else ""
+
+
+def _version() -> str:
+    """Return the version, with the commit if this is a checkout."""
+    root = Path(navrl.__file__).parents[1]
+    if not (root / ".git").exists():
+        return navrl.__version__
+    try:
+        commit = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--dirty"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return navrl.__version__
+    return f"{navrl.__version__} at commit {commit}"
+
+
+def _machine() -> str:
+    return f"{platform.machine()}, {os.cpu_count()} cores"
