@@ -11,6 +11,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 
 from navrl import keys
+from navrl.training.n_step import NStepReturn
 
 _DTYPES = {"float16": torch.float16, "float32": torch.float32}
 _OUTCOME = ("reward", "done", "terminated")
@@ -30,6 +31,8 @@ class Replay:
         batch_size: Transitions a sample.
         storage: ``"float16"`` or ``"float32"`` for the observation. Inputs are scaled to [-1, 1],
             where float16 errs by at most 0.9 mm at 3.5 m, a thirtieth of the sensor's noise.
+        num_steps: Steps a transition spans; see :class:`navrl.training.n_step.NStepReturn`.
+        gamma: Discount factor per step, used if ``num_steps`` > 1.
 
     Raises:
         ValueError: If a size is not positive or ``storage`` is unknown.
@@ -44,6 +47,8 @@ class Replay:
         capacity: int = 2_000_000,
         batch_size: int = 256,
         storage: str = "float16",
+        num_steps: int = 1,
+        gamma: float = 0.98,
     ) -> None:
         if capacity <= 0 or batch_size <= 0:
             raise ValueError(f"capacity={capacity}, batch_size={batch_size}: must be > 0")
@@ -52,6 +57,7 @@ class Replay:
         self.observation_keys = list(observation_keys)
         self.capacity, self.batch_size = capacity, batch_size
         self._dtype = _DTYPES[storage]
+        self._n_step = NStepReturn(num_steps, gamma)
         self._buffer = ReplayBuffer(storage=LazyTensorStorage(capacity), batch_size=batch_size)
         self.written = 0
         self._journaled = 0
@@ -61,23 +67,23 @@ class Replay:
         return len(self._buffer)
 
     def extend(self, transitions: TensorDictBase) -> None:
-        """Add ``[M]`` transitions as the environment returned them; other keys are dropped."""
+        """Add one step of ``[M]`` worlds as the environment returned it; other keys are dropped."""
         rows = len(transitions)
         following = transitions.get("next")
-        self._buffer.extend(
-            TensorDict(
-                {
-                    **self._compact(transitions),
-                    keys.ACTION: transitions.get(keys.ACTION),
-                    "next": TensorDict(
-                        {**self._compact(following), **{k: following.get(k) for k in _OUTCOME}},
-                        [rows],
-                    ),
-                },
-                [rows],
-            )
+        step = TensorDict(
+            {
+                **self._compact(transitions),
+                keys.ACTION: transitions.get(keys.ACTION),
+                "next": TensorDict(
+                    {**self._compact(following), **{k: following.get(k) for k in _OUTCOME}}, [rows]
+                ),
+            },
+            [rows],
         )
-        self.written += rows
+        complete = self._n_step(step)
+        if complete is not None:
+            self._buffer.extend(complete)
+            self.written += rows
 
     def sample(self) -> TensorDictBase:
         """Draw ``[batch_size]`` transitions uniformly, observations in float32."""
@@ -111,7 +117,11 @@ class Replay:
         self._journaled = self.written
         oldest = self.written - self.capacity
         self._chunks = [chunk for chunk in self._chunks if chunk[1] > oldest]
-        return {"written": self.written, "chunks": [list(chunk) for chunk in self._chunks]}
+        return {
+            "written": self.written,
+            "chunks": [list(chunk) for chunk in self._chunks],
+            "held_back": self._n_step.state_dict(),
+        }
 
     def prune(self, folder: Path) -> None:
         """Delete journal files that the last :meth:`save` no longer lists."""
@@ -127,6 +137,7 @@ class Replay:
             FileNotFoundError: If a chunk is missing.
         """
         self.written = self._journaled = int(state["written"])
+        self._n_step.load_state_dict(state["held_back"])
         self._chunks = [tuple(chunk) for chunk in state["chunks"]]
         storage = self._buffer.storage
         for start, end in self._chunks:

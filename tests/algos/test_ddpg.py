@@ -37,8 +37,11 @@ def batch(size: int = 8) -> TensorDict:
     )
 
 
-def test_target_bootstraps_at_timeouts_and_not_at_collisions():
+@pytest.mark.parametrize("steps", [None, 1, 3])
+def test_target_bootstraps_at_timeouts_and_not_at_collisions(steps):
     ddpg, data = agent(gamma=0.9), batch()
+    if steps is not None:
+        data["steps_to_next_obs"] = torch.full((8, 1), float(steps))
     data["next", "done"][:4] = True  # ends of episodes,
     data["next", "terminated"][:2] = True  # the first two by collision or goal
     terms = ddpg.loss(data)
@@ -50,7 +53,7 @@ def test_target_bootstraps_at_timeouts_and_not_at_collisions():
         with ddpg.loss.target_value_network_params.to_module(critic):
             value = critic(following)["state_action_value"].squeeze(-1)
     alive = torch.tensor([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    expected = data["next", "reward"].squeeze(-1) + 0.9 * alive * value
+    expected = data["next", "reward"].squeeze(-1) + 0.9 ** (steps or 1) * alive * value
     torch.testing.assert_close(terms["target_value"], expected)
 
 
