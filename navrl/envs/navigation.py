@@ -201,7 +201,10 @@ class NavigationEnv(EnvBase):
         zeros = torch.zeros(n, 1, device=self.device)
         terms = dict.fromkeys(self.rewards, zeros)
         outcome = torch.full_like(state.contact, Outcome.RUNNING)
-        return self._observe(state, self.simulator.ranges(), outcome, terms)
+        noisy = self._noisy_ranges(self.simulator.ranges(worlds), rows)
+        if len(worlds) < n:  # TorchRL keeps the other rows as they were
+            noisy = noisy.new_zeros(n, noisy.shape[-1]).index_copy_(0, rows, noisy)
+        return self._observe(state, noisy, outcome, terms)
 
     def _draw(self, worlds: Tensor) -> ScenarioBatch:
         if self._fixed is not None:
@@ -235,7 +238,8 @@ class NavigationEnv(EnvBase):
             robot_radius=self.simulator.robot.radius,
         )
         terms = {name: term(transition).unsqueeze(-1) for name, term in self.rewards.items()}
-        result = self._observe(state, ranges, outcome, terms)
+        noisy = self._noisy_ranges(ranges, slice(None))
+        result = self._observe(state, noisy, outcome, terms)
         truncated = (outcome == Outcome.TIMEOUT).unsqueeze(-1)
         terminated = (outcome != Outcome.RUNNING).unsqueeze(-1) & ~truncated
         reward = torch.stack(list(terms.values())).sum(0) if terms else torch.zeros_like(truncated)
@@ -248,12 +252,15 @@ class NavigationEnv(EnvBase):
             }
         )
 
+    def _noisy_ranges(self, ranges: Tensor, worlds: Tensor | slice) -> Tensor:
+        lidar = self.simulator.lidar
+        return lidar.add_noise(ranges, self._noise_seed[worlds], self._steps[worlds])
+
     def _observe(
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
     ) -> TensorDict:
-        noisy = self.simulator.lidar.add_noise(ranges, self._noise_seed, self._steps)
         observation = {
-            keys.RANGES: noisy,
+            keys.RANGES: ranges,
             keys.POSE: state.pose,
             keys.PATH: self._path,
             keys.OUTCOME: outcome.unsqueeze(-1),

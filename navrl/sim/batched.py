@@ -81,6 +81,7 @@ class BatchedSimulator(Simulator):
             robot.max_turn_rate,
         )
         self._mount = np.array(lidar.mount)
+        self._every_world = torch.arange(self.num_worlds)
         self._beams = beam_directions(lidar.num_beams).numpy()
         self._allocate(max_walls)
 
@@ -184,13 +185,15 @@ class BatchedSimulator(Simulator):
             time_s=(rows["tick"] * self._timing[0]).float(),
         )
 
-    def ranges(self) -> Tensor:
-        if not self._is_ready:
+    def ranges(self, worlds: Tensor | None = None) -> Tensor:
+        worlds = self._every_world if worlds is None else worlds
+        if not self._is_ready and bool(self._rows["pose"][worlds].isnan().any()):
             raise RuntimeError("every world must be reset before the first scan")
-        out = torch.empty(self.num_worlds, self.lidar.num_beams)
+        out = torch.empty(len(worlds), self.lidar.num_beams)
         a = self._arrays
         scan_worlds_kernel(
             out.numpy(),
+            worlds.numpy(),
             a["pose"],
             self._mount,
             a["walls"],

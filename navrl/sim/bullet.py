@@ -173,11 +173,12 @@ class BulletSimulator(Simulator):
             time_s=(rows["tick"] * self._substep_s).float(),
         )
 
-    def ranges(self) -> Tensor:
+    def ranges(self, worlds: Tensor | None = None) -> Tensor:
         self._check_ready()
+        chosen = range(self.num_worlds) if worlds is None else worlds.tolist()
         poses = self._rows["pose"].tolist()
-        scans = [scene.scan(pose) for scene, pose in zip(self._scenes, poses, strict=True)]
-        return torch.from_numpy(np.stack(scans))
+        scans = [self._scenes[world].scan(poses[world]) for world in chosen]
+        return torch.from_numpy(np.stack(scans)) if scans else torch.empty(0, self.lidar.num_beams)
 
     def render(self, world: int = 0, width: int = 640, height: int = 480) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of a world from above; needs no display.

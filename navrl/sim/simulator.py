@@ -119,11 +119,17 @@ class Simulator(ABC):
         """Return the current state without advancing time."""
 
     @abstractmethod
-    def ranges(self) -> Tensor:
-        """Scan every world from its lidar's mount.
+    def ranges(self, worlds: Tensor | None = None) -> Tensor:
+        """Scan worlds from their lidar's mount.
+
+        Args:
+            worlds: [M] int64, the worlds to scan; all of them if None.
 
         Returns:
-            [N, beams] float32 m, noise-free, exactly ``lidar.max_range`` where nothing is hit.
+            [M, beams] float32 m, noise-free, exactly ``lidar.max_range`` where nothing is hit.
+
+        Raises:
+            RuntimeError: one of the worlds has not been reset yet.
         """
 
     @abstractmethod

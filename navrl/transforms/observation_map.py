@@ -65,7 +65,7 @@ class ObservationMap(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        return map_reset_rows(self, tensordict, tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Return the environment's specs with those of the outputs added."""
@@ -74,6 +74,34 @@ class ObservationMap(Transform):
         for key, spec in zip(self.out_keys, self.map_specs(*inputs), strict=True):
             observation_spec[key] = spec
         return observation_spec
+
+
+def map_reset_rows(
+    transform: Transform, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+) -> TensorDictBase:
+    """Apply a transform's ``_call`` to the rows that were reset, and to those only.
+
+    TorchRL throws the other rows of a partial reset away; here their outputs are zero.
+
+    Args:
+        transform: Whose outputs depend on its ``in_keys`` row by row.
+        tensordict: What the reset was asked with, ``_reset`` among it.
+        tensordict_reset: ``[*B]``, what the environment returned.
+
+    Returns:
+        ``tensordict_reset`` with the outputs.
+    """
+    mask = tensordict.get("_reset", None)
+    if mask is None or mask.shape != (*tensordict_reset.batch_size, 1) or mask.all():
+        return transform._call(tensordict_reset)
+    mask = mask.squeeze(-1)
+    rows = transform._call(tensordict_reset.select(*transform.in_keys, strict=False)[mask])
+    for key in transform.out_keys:
+        value = rows.get(key)
+        whole = value.new_zeros(*mask.shape, *value.shape[1:])
+        whole[mask] = value
+        tensordict_reset.set(key, whole)
+    return tensordict_reset
 
 
 def nested_keys(keys: Keys) -> list[NestedKey]:

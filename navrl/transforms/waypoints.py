@@ -12,7 +12,14 @@ from torchrl.envs import Transform
 from navrl import keys
 from navrl.ops import se2
 from navrl.ops.path import check_window, point_at, project_onto_path
-from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec, real_spec
+from navrl.transforms.observation_map import (
+    Keys,
+    map_reset_rows,
+    nested_keys,
+    read,
+    read_spec,
+    real_spec,
+)
 
 
 class Waypoints(Transform):
@@ -80,7 +87,7 @@ class Waypoints(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        return map_reset_rows(self, tensordict, tensordict_reset)
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

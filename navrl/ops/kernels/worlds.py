@@ -208,10 +208,10 @@ def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, tick, durati
 
 
 @kernel
-def scan_worlds_kernel(out, pose, mount, walls, num_walls, boxes, cos, sin, max_range):
-    """Scan every world from the lidar's mount (x, y, yaw) on its robot."""
-    for n in prange(out.shape[0]):
-        row = out[n]
+def scan_worlds_kernel(out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range):
+    """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
+    for index in prange(worlds.shape[0]):
+        n, row = worlds[index], out[index]
         row[:] = max_range
         cos_robot, sin_robot = math.cos(pose[n, 2]), math.sin(pose[n, 2])
         x = pose[n, 0] + cos_robot * mount[0] - sin_robot * mount[1]
