@@ -137,7 +137,6 @@ class Series:
             "sizes": [int(size) for size in self.sizes],
             "median": np.median(self.costs, axis=0).tolist(),
             "quartiles": np.percentile(self.costs, [25, 75], axis=0).T.tolist(),
-            "exponent": self.row().median,
         }
 
 
@@ -214,4 +213,4 @@ def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:
 
 def number(value: float) -> str:
     """Write three digits, or all before the point."""
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"

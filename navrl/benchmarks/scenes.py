@@ -8,7 +8,7 @@ import numpy as np
 
 from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
 
-ROOM_HALF_SIZE = 3.2  # m; all of the room is in the lidar's range
+ROOM_HALF_SIZE = 3.2  # m; walls are within the range of 3.5 m, corners are not
 FREE_RADIUS = 0.8  # m around the robot, where it turns on the spot and nobody comes
 WALL = 0.1  # m, half thickness
 WALKER = 0.15  # m, half size

@@ -24,6 +24,7 @@ from navrl.build.environment import (
 from navrl.build.training import make_agent, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
 from navrl.sim import Simulator
+from navrl.worlds import ScenarioPool
 
 log = logging.getLogger(__name__)
 Results = Sequence[Row | Series | str]
@@ -63,9 +64,10 @@ def _peers(cfg: DictConfig) -> Results:
 
 
 def _step(cfg: DictConfig) -> Results:
+    pool = make_pool(cfg)
     return benchmarks.step_rows(
-        functools.partial(_env, cfg),
-        functools.partial(_env, _on_bullet(cfg)),
+        _maker(cfg, pool),
+        _maker(_on_bullet(cfg), pool),
         cfg.num_worlds,
         cfg.effort.bullet_worlds,
         _budget(cfg),
@@ -78,11 +80,11 @@ def _icp_tagd(cfg: DictConfig) -> Results:
     for name in ("paper", "robust"):
         steps = compose("train", [f"transforms={name}"]).transforms
         variants[name] = instantiate(steps.icp_align), instantiate(steps.tagd)
-    return benchmarks.perception_rows(_env(cfg, cfg.num_worlds), variants, _budget(cfg))
+    return benchmarks.perception_rows(_maker(cfg)(cfg.num_worlds), variants, _budget(cfg))
 
 
 def _growth(cfg: DictConfig) -> Results:
-    sizes, budget, make = cfg.effort.sizes, _budget(cfg), functools.partial(_env, cfg)
+    sizes, budget, make = cfg.effort.sizes, _budget(cfg), _maker(cfg)
     found: list[Series | str] = [
         benchmarks.worlds_series(make, list(sizes.worlds), budget),
         *benchmarks.growth_series(
@@ -101,12 +103,11 @@ def _growth(cfg: DictConfig) -> Results:
 
 
 def _memory(cfg: DictConfig) -> Results:
-    make_pool(cfg)  # made once and cached, so that making it is no part of what is measured
-    return [benchmarks.memory_row(functools.partial(_env, cfg), cfg.effort.memory_worlds)]
+    return [benchmarks.memory_row(_maker(cfg), cfg.effort.memory_worlds)]
 
 
 def _update(cfg: DictConfig) -> Results:
-    env = _env(cfg, 1)
+    env = _maker(cfg)(1)
     shapes = observation_shapes(env)
     env.close()
     actor, _ = make_agent(cfg, shapes)
@@ -194,8 +195,13 @@ def _simulator(
     )
 
 
-def _env(cfg: DictConfig, num_worlds: int) -> TransformedEnv:
-    env = make_navigation_env(cfg, num_worlds, make_pool(cfg), cfg.seed)
+def _maker(cfg: DictConfig, pool: ScenarioPool | None = None) -> Callable[[int], TransformedEnv]:
+    """Return what makes environments of any number of worlds, all on the same scenarios."""
+    return functools.partial(_env, cfg, make_pool(cfg) if pool is None else pool)
+
+
+def _env(cfg: DictConfig, pool: ScenarioPool, num_worlds: int) -> TransformedEnv:
+    env = make_navigation_env(cfg, num_worlds, pool, cfg.seed)
     return make_env(env, instantiate(cfg.transforms))
 
 

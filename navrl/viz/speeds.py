@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, VERMILLION, save_figure, style
 
 _COLUMNS = 3  # of small panels, right of the bars
-_TRAINING = "training."
+_GROWTH, _TRAINING = "growth.", "training."
 _NOT_PHASES = ("training.frames", "training.updates")
 
 
@@ -46,11 +46,12 @@ def plot_benchmark(json_file: str | Path, out: str | Path) -> list[Path]:
 
 
 def _draw(report: Mapping) -> Figure:
-    barred = [row for row in report["rows"] if row["bar"]]
-    shares = [r for r in report["rows"] if r["key"].startswith(_TRAINING)]
-    shares = [row for row in shares if row["key"] not in _NOT_PHASES]
+    rows = {row["key"]: row for row in report["rows"]}
+    barred = [row for key, row in rows.items() if row["bar"] and not key.startswith(_GROWTH)]
+    shares = [rows[key] for key in rows if key.startswith(_TRAINING) and key not in _NOT_PHASES]
     panels: list[Callable[[Axes], None]] = [
-        lambda axes, series=series: _draw_growth(axes, series) for series in report["series"]
+        lambda axes, series=series: _draw_growth(axes, series, rows[_GROWTH + series["key"]])
+        for series in report["series"]
     ]
     if shares:
         panels.append(lambda axes: _draw_shares(axes, shares))
@@ -105,21 +106,22 @@ def _margin(row: Mapping, value: float) -> float:
 
 def _full_label(row: Mapping) -> str:
     """Name a row out of its place in the table, where ``…`` stands for the row above."""
-    return row["label"].replace("… ", f"{row['key'].partition('.')[0]}: ").replace("growth", "cost")
+    return row["label"].replace("… ", f"{row['key'].partition('.')[0]}: ")
 
 
 # --- growth and time -----------------------------------------------------------------------------
 
 
-def _draw_growth(axes: Axes, series: Mapping) -> None:
+def _draw_growth(axes: Axes, series: Mapping, exponent: Mapping) -> None:
     sizes, median = np.array(series["sizes"]), np.array(series["median"])
     low, high = np.array(series["quartiles"]).T
     axes.errorbar(
         sizes, median, (median - low, high - median), color=BLUE, marker="o", markersize=3
     )
     middle = np.exp(np.log(median).mean()), np.exp(np.log(sizes).mean())
-    fit = middle[0] * (sizes / middle[1]) ** series["exponent"]
-    label = f"size to the power of {series['exponent']:.2f}"
+    fit = middle[0] * (sizes / middle[1]) ** exponent["median"]
+    bar = f" (bar ≤ {exponent['bar']['limit']:g})" if exponent["bar"] else ""
+    label = f"grows with the power {exponent['median']:.2f}{bar}"
     axes.plot(sizes, fit, color=GREY, linestyle="--", linewidth=0.9, label=label)
     _logarithmic(axes, "x", sizes)
     _logarithmic(axes, "y")
@@ -161,4 +163,4 @@ def _logarithmic(axes: Axes, which: str, ticks: Sequence[float] | None = None) -
 
 
 def _number(value: float) -> str:
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
