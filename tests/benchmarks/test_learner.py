@@ -5,7 +5,7 @@ import functools
 import pytest
 from torch import nn
 
-from navrl.benchmarks import count_flops, random_transitions
+from navrl.benchmarks import Budget, count_flops, random_transitions, update_rows
 from navrl.build import make_agent
 from navrl.config import compose, instantiate
 
@@ -61,3 +61,16 @@ def test_transitions_are_what_the_learner_takes():
     assert batch["next", "done"].any() and not batch["next", "done"].all()
     same = functools.partial(random_transitions, SHAPES, 100)
     assert (same() == same()).all()
+
+
+@pytest.mark.gpu
+def test_a_cuda_device_has_rows_of_its_own():
+    cfg = compose("train", ["experiment=paper"])
+
+    def make(precision, device):
+        actor, critic = (network.to(device) for network in make_agent(cfg, SHAPES))
+        return instantiate(cfg.algorithm, actor=actor, critic=critic, precision=precision)
+
+    rows = update_rows(make, SHAPES, 16, "bfloat16", Budget(0.01, 2), 1, "cuda")
+    assert [row.key for row in rows][:2] == ["update_cuda.flops", "update_cuda.float32.updates"]
+    assert all(row.median > 0 for row in rows)
