@@ -24,17 +24,19 @@ from navrl.build.environment import (
 from navrl.build.training import make_agent, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
 from navrl.sim import Simulator
+from navrl.viz import plot_benchmark
 from navrl.worlds import ScenarioPool
 
 log = logging.getLogger(__name__)
 Results = Sequence[Row | Series | str]
 
 
-def run_benchmark(cfg: DictConfig) -> Report:
-    """Measure the rows that ``cfg.rows`` names, in that order.
+def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
+    """Measure the rows that ``cfg.rows`` names, in that order, and draw them.
 
     Args:
         cfg: A composed ``conf/benchmark.yaml``.
+        folder: Where ``benchmark.json`` grows row by row, and the picture goes in the end.
 
     Raises:
         ValueError: If a row is unknown or named twice.
@@ -46,6 +48,8 @@ def run_benchmark(cfg: DictConfig) -> Report:
     for name in cfg.rows:
         log.info("measuring %s", name)
         report.add(*ROWS[name](cfg))
+        report.save(folder / "benchmark.json")
+    plot_benchmark(folder / "benchmark.json", folder / "benchmark")
     return report
 
 

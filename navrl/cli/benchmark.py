@@ -10,7 +10,6 @@ from omegaconf import DictConfig
 
 from navrl import build
 from navrl.config import hydra_main
-from navrl.viz import plot_benchmark
 
 log = logging.getLogger(__name__)
 
@@ -20,9 +19,7 @@ def main(cfg: DictConfig) -> None:
     """Measure, print the table and keep it."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     build.set_threads(cfg)
-    report = build.run_benchmark(cfg)
-    report.save(folder / "benchmark.json")
-    plot_benchmark(folder / "benchmark.json", folder / "benchmark")
+    report = build.run_benchmark(cfg, folder)
     print(report.table())
     log.info("benchmark.json, benchmark.png and benchmark.svg are in %s", folder)
 

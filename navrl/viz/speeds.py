@@ -121,13 +121,12 @@ def _draw_growth(axes: Axes, series: Mapping, exponent: Mapping) -> None:
     middle = np.exp(np.log(median).mean()), np.exp(np.log(sizes).mean())
     fit = middle[0] * (sizes / middle[1]) ** exponent["median"]
     bar = f" (bar ≤ {exponent['bar']['limit']:g})" if exponent["bar"] else ""
-    label = f"grows with the power {exponent['median']:.2f}{bar}"
-    axes.plot(sizes, fit, color=GREY, linestyle="--", linewidth=0.9, label=label)
+    axes.plot(sizes, fit, color=GREY, linestyle="--", linewidth=0.9)
     _logarithmic(axes, "x", sizes)
     _logarithmic(axes, "y")
-    axes.set(title=f"growth with {series['size']}", xlabel=series["size"])
+    power = f"dashed: the power {exponent['median']:.2f}{bar}"
+    axes.set(title=f"growth with {series['size']}\n{power}", xlabel=series["size"])
     axes.set_ylabel(f"{series['label']}, {series['unit']}")
-    axes.legend(loc="best")
 
 
 def _draw_shares(axes: Axes, rows: Sequence[Mapping]) -> None:

@@ -97,10 +97,10 @@ def test_the_picture_is_there(run):
 @pytest.mark.parametrize(
     "rows", [["warp_drive"], [], ["latency", "latency"]], ids=["unknown", "none", "twice"]
 )
-def test_unknown_rows_are_answered_with_the_known(rows):
+def test_unknown_rows_are_answered_with_the_known(rows, tmp_path):
     cfg = compose("benchmark", [f"rows=[{','.join(rows)}]"])
     with pytest.raises(ValueError, match="latency") as error:
-        build.run_benchmark(cfg)
+        build.run_benchmark(cfg, tmp_path)
     assert all(name in str(error.value) for name in ROWS)
 
 
