@@ -22,6 +22,7 @@ RANK = {
     "training": 5,
     "evaluation": 5,
     "viz": 6,
+    "benchmarks": 6,
     "build": 7,
     "cli": 8,
 }

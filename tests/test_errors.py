@@ -14,6 +14,7 @@ CASES = [
     ("train", ["num_threads=1000"], ["num_threads=1000", "between 1 and"]),
     ("evaluate", ["policy=nobody"], ["policy=nobody", "pure_pursuit"]),
     ("evaluate", ["policy=random", "lidar.num_beams=-4"], ["num_beams", "-4"]),
+    ("benchmark", ["rows=[warp]"], ["rows=['warp']", "latency", "scan"]),
     ("play", ["policy=random", "suite=smoke", "episode=99"], ["index 99", "has 6"]),
 ]
 

@@ -1,5 +1,6 @@
 """Composition root: from a resolved config to running objects. Nothing below knows a config."""
 
+from navrl.build.benchmark import run_benchmark
 from navrl.build.environment import (
     make_env,
     make_gymnasium_env,
@@ -22,6 +23,7 @@ __all__ = [
     "make_trainer",
     "observation_shapes",
     "record",
+    "run_benchmark",
     "run_evaluation",
     "save_policy",
     "set_threads",

@@ -1,0 +1,42 @@
+"""Speeds and their bars: what ``navrl-benchmark`` measures, one file for each thing measured."""
+
+from navrl.benchmarks.growth import fit_exponents
+from navrl.benchmarks.latency import Robot, latency_rows, record_drive
+from navrl.benchmarks.learner import count_flops, random_transitions, update_rows
+from navrl.benchmarks.machine import describe_machine
+from navrl.benchmarks.measurement import Budget, Task, alternate
+from navrl.benchmarks.memory import memory_row
+from navrl.benchmarks.peers import peer_rows
+from navrl.benchmarks.perception import perception_rows
+from navrl.benchmarks.results import Bar, Report, Row, Series
+from navrl.benchmarks.scanning import growth_series, scan_rows
+from navrl.benchmarks.stepping import RandomDrive, step_rows, threads_series, worlds_series
+from navrl.benchmarks.training import training_rows
+
+__all__ = [
+    "Bar",
+    "Budget",
+    "RandomDrive",
+    "Report",
+    "Robot",
+    "Row",
+    "Series",
+    "Task",
+    "alternate",
+    "count_flops",
+    "describe_machine",
+    "fit_exponents",
+    "growth_series",
+    "latency_rows",
+    "memory_row",
+    "peer_rows",
+    "perception_rows",
+    "random_transitions",
+    "record_drive",
+    "scan_rows",
+    "step_rows",
+    "threads_series",
+    "training_rows",
+    "update_rows",
+    "worlds_series",
+]

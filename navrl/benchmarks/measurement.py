@@ -1,0 +1,92 @@
+"""How long things take, measured side by side."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much is measured.
+
+    Args:
+        seconds: Least duration of one measurement, s.
+        repeats: Measurements of each thing.
+
+    Raises:
+        ValueError: If a value is not positive.
+    """
+
+    seconds: float
+    repeats: int
+
+    def __post_init__(self) -> None:
+        if not self.seconds > 0 or self.repeats < 1:
+            raise ValueError(
+                f"seconds={self.seconds}: must be > 0; repeats={self.repeats}: must be >= 1"
+            )
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something to be timed.
+
+    Args:
+        work: Does some work and returns how many units of it.
+        num_threads: Threads that torch and the compiled kernels may use meanwhile.
+    """
+
+    work: Callable[[], int]
+    num_threads: int = 1
+
+
+def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray]:
+    """Measure all tasks in turn, over and over.
+
+    What is compared is measured within seconds of each other, there and back (A B B A), so that a
+    machine that slows down, or is busy with something else, does so for all of them. Each task runs
+    once before, unmeasured: compilers and caches are warm.
+
+    Args:
+        tasks: What to time, by name.
+        budget: How long and how often.
+
+    Returns:
+        Units per second, ``[repeats]`` for each name.
+    """
+    rates: dict[str, list[float]] = {name: [] for name in tasks}
+    for task in tasks.values():
+        with threads(task.num_threads):
+            task.work()
+    order = list(tasks.items())
+    for _ in range(budget.repeats):
+        for name, task in order:
+            with threads(task.num_threads):
+                rates[name].append(_rate(task.work, budget.seconds))
+        order.reverse()
+    return {name: np.array(values) for name, values in rates.items()}
+
+
+def _rate(work: Callable[[], int], seconds: float) -> float:
+    units, elapsed, start = 0, 0.0, time.perf_counter()
+    while elapsed < seconds:
+        units += work()
+        elapsed = time.perf_counter() - start
+    return units / elapsed
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Let torch, and the kernels that follow it, use ``count`` threads for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

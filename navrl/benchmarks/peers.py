@@ -1,0 +1,168 @@
+"""Other simulators with a lidar, where they are installed: ``pip install navrl[benchmark-peers]``.
+
+One robot stands between four walls while ten obstacles move; a unit is one move of everything and
+one scan. Each is driven through its own public interface.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import tempfile
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from navrl.benchmarks.measurement import Budget, Task, alternate
+from navrl.benchmarks.results import Bar, Row
+from navrl.benchmarks.scanning import NUM_BEAMS, MakeSimulator, drive_task
+from navrl.benchmarks.scenes import ROOM_HALF_SIZE, WALK_SPEED, WALKER, clutter, walkers
+
+NUM_OBSTACLES = 10
+_TIME_STEP_S, _ROBOT_RADIUS, _MAX_RANGE = 0.2, 0.178, 3.5
+_H = ROOM_HALF_SIZE
+_CORNERS = [[-_H, -_H], [_H, -_H], [_H, _H], [-_H, _H]]
+
+
+def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row | str]:
+    """Measure beams a second against each peer that is installed, all on one core.
+
+    Args:
+        make: Makes navrl's simulator.
+        num_worlds: Worlds of it; a peer has one.
+        budget: How much to measure.
+
+    Returns:
+        Rows, and a line for each peer that is not there.
+    """
+    found = {name: start for name, start in PEERS.items() if find_spec(_MODULES[name])}
+    missing: list[Row | str] = [
+        f"{name}: not installed (pip install 'navrl[benchmark-peers]')"
+        for name in PEERS
+        if name not in found
+    ]
+    if not found:
+        return missing
+    own = drive_task(
+        make(num_worlds, max_pedestrians=NUM_OBSTACLES), clutter(num_worlds, 4, NUM_OBSTACLES)
+    )
+    rates = alternate(
+        {"navrl": own} | {name: Task(start()) for name, start in found.items()}, budget
+    )
+    beams = {name: rate * NUM_BEAMS / 1e6 for name, rate in rates.items()}
+    what = f"beams, 4 walls, {NUM_OBSTACLES} moving obstacles, 1 core"
+    rows: list[Row | str] = [Row("peers.navrl", what, "million/s", beams["navrl"])]
+    for name in found:
+        bar = Bar(4.0) if name == "navground" else None
+        ratio = beams["navrl"] / beams[name]
+        rows.append(Row(f"peers.{name}", f"… {name}", "million/s", beams[name]))
+        rows.append(Row(f"peers.{name}_ratio", f"… navrl / {name}", "x", ratio, bar))
+    return rows + missing
+
+
+def start_navground() -> Callable[[], int]:
+    """Return what moves navground's world and reads one scan in it."""
+    from navground import core, sim
+
+    world = sim.World()
+    lidar = sim.state_estimations.LidarStateEstimation(
+        range=_MAX_RANGE,
+        start_angle=0.0,
+        field_of_view=2 * math.pi * (NUM_BEAMS - 1) / NUM_BEAMS,
+        resolution=NUM_BEAMS,
+    )
+
+    def agent(radius: float, speed: float, task: sim.Task | None) -> sim.Agent:
+        drive = core.kinematics.OmnidirectionalKinematics(max(speed, 0.01), 1.0)
+        new = sim.Agent(
+            radius=radius, kinematics=drive, behavior=core.behaviors.DummyBehavior(), task=task
+        )
+        world.add_agent(new)
+        return new
+
+    robot = agent(_ROBOT_RADIUS, 0.0, None)
+    for person in walkers(NUM_OBSTACLES):
+        ends = [point.tolist() for point in person.route]
+        task = sim.tasks.WaypointsTask(waypoints=ends, loop=True, tolerance=0.1)
+        agent(WALKER, WALK_SPEED, task).position = person.route.mean(axis=0)
+    for start, end in zip(_CORNERS, _CORNERS[1:] + _CORNERS[:1], strict=True):
+        world.add_wall(sim.Wall(start, end))
+    state = core.SensingState()
+    lidar.prepare_state(state)
+
+    def work() -> int:
+        world.update(_TIME_STEP_S)
+        lidar.update(robot, world, state)
+        return 1
+
+    return work
+
+
+def start_ir_sim() -> Callable[[], int]:
+    """Return what moves ir-sim's world and scans in it, without display."""
+    with contextlib.redirect_stdout(io.StringIO()):  # what it says of windows it cannot open
+        import irsim
+    scene = {
+        "world": {
+            "width": 2 * _H,
+            "height": 2 * _H,
+            "offset": [-_H, -_H],
+            "step_time": _TIME_STEP_S,
+            "sample_time": _TIME_STEP_S,
+            "collision_mode": "unobstructed",
+        },
+        "robot": [_irsim_robot()],
+        "obstacle": [
+            *(_irsim_walker(person.route) for person in walkers(NUM_OBSTACLES)),
+            {"shape": {"name": "linestring", "vertices": [*_CORNERS, _CORNERS[0]]}},
+        ],
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "scene.yaml"
+        file.write_text(yaml.safe_dump(scene))
+        env = irsim.make(str(file), display=False, disable_all_plot=True, log_level="ERROR")
+    still = np.zeros((2, 1))
+
+    def work() -> int:
+        env.step(still)
+        return 1
+
+    return work
+
+
+def _irsim_robot() -> dict:
+    return {
+        "kinematics": {"name": "diff"},
+        "shape": {"name": "circle", "radius": _ROBOT_RADIUS},
+        "state": [0, 0, 0],
+        "goal": [100, 100, 0],
+        "sensors": [
+            {
+                "name": "lidar2d",
+                "range_min": 0,
+                "range_max": _MAX_RANGE,
+                "angle_range": 2 * math.pi,
+                "number": NUM_BEAMS,
+                "noise": False,
+            }
+        ],
+    }
+
+
+def _irsim_walker(route: np.ndarray) -> dict:
+    low, high = [-_H + 0.4, -_H + 0.4, -math.pi], [_H - 0.4, _H - 0.4, math.pi]
+    return {
+        "kinematics": {"name": "omni"},
+        "shape": {"name": "circle", "radius": WALKER},
+        "state": [*route.mean(axis=0).tolist(), 0.0],
+        "behavior": {"name": "dash", "wander": True, "range_low": low, "range_high": high},
+        "vel_max": [WALK_SPEED, WALK_SPEED],
+    }
+
+
+PEERS = {"navground": start_navground, "ir_sim": start_ir_sim}
+_MODULES = {"navground": "navground", "ir_sim": "irsim"}

@@ -1,0 +1,51 @@
+"""ICP and TAGD alone, on scans of a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import Transform, TransformedEnv
+
+from navrl.benchmarks.measurement import Budget, Task, alternate
+from navrl.benchmarks.results import Row, at_most
+from navrl.benchmarks.stepping import RandomDrive
+
+_NUM_STEPS = 8
+
+
+def perception_rows(
+    env: TransformedEnv, variants: Mapping[str, tuple[Transform, Transform]], budget: Budget
+) -> list[Row]:
+    """Measure alignment and grouping of one scan, on one core.
+
+    Args:
+        env: Where the scans come from: the last step of a short random drive in all worlds.
+        variants: ICP and TAGD transforms by name.
+        budget: How much to measure.
+    """
+    scans = scans_of_a_drive(env)
+    tasks = {name: Task(_work(scans, *pair)) for name, pair in variants.items()}
+    rates = alternate(tasks, budget)
+    return [
+        Row(f"icp_tagd.{name}", f"ICP ({name}) + TAGD, 1 core", "µs", 1e6 / rate, at_most(30.0))
+        for name, rate in rates.items()
+    ]
+
+
+def scans_of_a_drive(env: TransformedEnv) -> TensorDictBase:
+    """Return what the transforms see after some random steps."""
+    drive = RandomDrive(env)
+    for _ in range(_NUM_STEPS):
+        drive()
+    return drive.carrier
+
+
+def _work(scans: TensorDictBase, icp: Transform, tagd: Transform):
+    def work() -> int:
+        with torch.no_grad():
+            tagd(icp(scans.copy()))
+        return len(scans)
+
+    return work

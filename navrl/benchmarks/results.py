@@ -1,0 +1,216 @@
+"""What a benchmark found: rows, series, and the report that holds them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from navrl.benchmarks.growth import fit_exponents
+
+
+@dataclass(frozen=True)
+class Bar:
+    """The figure to reach.
+
+    Args:
+        limit: In the row's unit.
+        is_least: Whether the value must be at least this; otherwise at most.
+    """
+
+    limit: float
+    is_least: bool = True
+
+    def is_met_by(self, value: float) -> bool:
+        """Tell whether ``value`` reaches the bar."""
+        return value >= self.limit if self.is_least else value <= self.limit
+
+    def __str__(self) -> str:
+        return f"{'≥' if self.is_least else '≤'} {number(self.limit)}"
+
+
+def at_most(limit: float) -> Bar:
+    """Return the bar of a quantity that should be small."""
+    return Bar(limit, is_least=False)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured quantity.
+
+    Args:
+        key: Unique name, for programs.
+        label: What it is, for people.
+        unit: Of the values.
+        values: One a repeat.
+        bar: What the median should reach, or ``None``.
+
+    Raises:
+        ValueError: If there are no values, or one is not finite.
+    """
+
+    key: str
+    label: str
+    unit: str
+    values: Sequence[float]
+    bar: Bar | None = None
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values, dtype=float)
+        if values.size == 0 or not np.isfinite(values).all():
+            raise ValueError(f"{self.key}: need finite values, got {values.tolist()}")
+
+    @property
+    def median(self) -> float:
+        """Middle of the values."""
+        return float(np.median(self.values))
+
+    @property
+    def spread(self) -> tuple[float, float]:
+        """First and third quartile."""
+        low, high = np.percentile(self.values, [25, 75])
+        return float(low), float(high)
+
+    @property
+    def is_met(self) -> bool | None:
+        """Whether the median reaches the bar; ``None`` without one."""
+        return None if self.bar is None else self.bar.is_met_by(self.median)
+
+    def to_dict(self) -> dict:
+        """Return plain data."""
+        bar = None if self.bar is None else {"limit": self.bar.limit, "least": self.bar.is_least}
+        return {
+            "key": self.key,
+            "label": self.label,
+            "unit": self.unit,
+            "median": self.median,
+            "quartiles": list(self.spread),
+            "values": [float(value) for value in self.values],
+            "bar": bar,
+            "met": self.is_met,
+        }
+
+
+@dataclass(frozen=True)
+class Series:
+    """How a cost grows with a size.
+
+    Args:
+        key: Unique name, for programs.
+        label: What costs, for people.
+        size: What grows, for people.
+        unit: Of the cost.
+        sizes: ``[n]``, at least two different ones.
+        costs: ``[repeats, n]``, positive.
+        bar: On the exponent, or ``None``.
+    """
+
+    key: str
+    label: str
+    size: str
+    unit: str
+    sizes: Sequence[float]
+    costs: np.ndarray
+    bar: Bar | None = None
+
+    def row(self) -> Row:
+        """Return the exponent of growth, one a repeat: the slope of log cost over log size."""
+        exponents = fit_exponents(self.sizes, self.costs)
+        return Row(
+            f"growth.{self.key}",
+            f"growth with {self.size}, {min(self.sizes):,} to {max(self.sizes):,}: exponent",
+            "",
+            exponents,
+            self.bar,
+        )
+
+    def to_dict(self) -> dict:
+        """Return plain data."""
+        return {
+            "key": self.key,
+            "label": self.label,
+            "size": self.size,
+            "unit": self.unit,
+            "sizes": [int(size) for size in self.sizes],
+            "median": np.median(self.costs, axis=0).tolist(),
+            "quartiles": np.percentile(self.costs, [25, 75], axis=0).T.tolist(),
+        }
+
+
+@dataclass
+class Report:
+    """All that one run of the benchmark found.
+
+    Args:
+        machine: Where it ran.
+        rows: In the order of the table.
+        series: Growth of costs; each has its row too.
+        skipped: What was left out, and why.
+    """
+
+    machine: dict
+    rows: list[Row] = field(default_factory=list)
+    series: list[Series] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+
+    def add(self, *results: Row | Series | str) -> None:
+        """Append rows, series (with their rows) and reasons for what is left out."""
+        for result in results:
+            if isinstance(result, str):
+                self.skipped.append(result)
+                continue
+            if isinstance(result, Series):
+                self.series.append(result)
+                result = result.row()
+            if any(result.key == row.key for row in self.rows):
+                raise ValueError(f"row {result.key!r} is there already")
+            self.rows.append(result)
+
+    def to_dict(self) -> dict:
+        """Return plain data."""
+        return {
+            "machine": self.machine,
+            "rows": [row.to_dict() for row in self.rows],
+            "series": [series.to_dict() for series in self.series],
+            "skipped": self.skipped,
+        }
+
+    def save(self, file: Path) -> None:
+        """Write as JSON."""
+        file.write_text(json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n")
+
+    def table(self) -> str:
+        """Return the rows as an aligned Markdown table, with the machine above."""
+        head = ("what", "median", "middle half", "unit", "bar", "met")
+        lines = [
+            (
+                row.label,
+                number(row.median),
+                " … ".join(number(value) for value in row.spread),
+                row.unit,
+                "" if row.bar is None else str(row.bar),
+                {None: "", True: "yes", False: "NO"}[row.is_met],
+            )
+            for row in self.rows
+        ]
+        width = [max(len(line[i]) for line in (head, *lines)) for i in range(len(head))]
+        rule = tuple("-" * w for w in width)
+        text = ["| " + " | ".join(_cells(line, width)) + " |" for line in (head, rule, *lines)]
+        machine = "; ".join(f"{name} {value}" for name, value in self.machine.items())
+        return "\n".join([machine, "", *text, *(f"left out: {why}" for why in self.skipped)])
+
+
+def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:
+    """Pad: numbers to the right, words to the left."""
+    return [
+        cell.rjust(w) if i in (1, 2) else cell.ljust(w)
+        for i, (cell, w) in enumerate(zip(line, width, strict=True))
+    ]
+
+
+def number(value: float) -> str:
+    """Write three digits, or all before the point."""
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"

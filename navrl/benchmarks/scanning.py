@@ -1,0 +1,122 @@
+"""Simulators alone: scans, and steps with scans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+
+from navrl.benchmarks.measurement import Budget, Task, alternate
+from navrl.benchmarks.results import Bar, Row, Series, at_most
+from navrl.benchmarks.scenes import clutter
+from navrl.sim import Simulator
+from navrl.worlds import ScenarioBatch
+
+MakeSimulator = Callable[..., Simulator]
+"""From ``num_worlds``, ``num_beams`` and ``max_pedestrians`` to a simulator."""
+
+NUM_BEAMS, NUM_BOXES = 1440, 32
+
+
+def scan_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1) -> Task:
+    """Return a task whose unit is one noise-free scan."""
+    simulator.reset(torch.arange(simulator.num_worlds), scenes)
+
+    def scan() -> int:
+        simulator.ranges()
+        return simulator.num_worlds
+
+    return Task(scan, num_threads)
+
+
+def drive_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1) -> Task:
+    """Return a task whose unit is one step and one noise-free scan, robots turning on the spot."""
+    simulator.reset(torch.arange(simulator.num_worlds), scenes)
+    command = torch.zeros(simulator.num_worlds, 2)
+    command[:, 1] = torch.linspace(-1.0, 1.0, simulator.num_worlds)
+
+    def drive() -> int:
+        simulator.step(command)
+        simulator.ranges()
+        return simulator.num_worlds
+
+    return Task(drive, num_threads)
+
+
+def scan_rows(
+    make: MakeSimulator, make_reference: MakeSimulator, num_worlds: int, budget: Budget, cores: int
+) -> list[Row]:
+    """Measure scans of 32 boxes, against PyBullet's.
+
+    Args:
+        make: Makes the fast simulator.
+        make_reference: Makes PyBullet's.
+        num_worlds: Worlds of the fast one.
+        budget: How much to measure.
+        cores: Threads of the row for all cores.
+    """
+    simulator, reference = make(num_worlds), make_reference(4)
+    scenes = clutter(num_worlds, NUM_BOXES)
+    tasks = {
+        "one": scan_task(simulator, scenes),
+        "bullet": scan_task(reference, clutter(4, NUM_BOXES)),
+    }
+    if cores > 1:
+        tasks["all"] = scan_task(simulator, scenes, cores)
+    rates = alternate(tasks, budget)
+    reference.close()
+    one, what = rates["one"], f"{NUM_BEAMS:,}-beam scans, {NUM_BOXES} boxes"
+    rows = [Row("scan.one_core", f"{what}, 1 core", "/s", one, Bar(30_000))]
+    rows.append(Row("scan.beams", "… beams", "million/s", one * NUM_BEAMS / 1e6))
+    if cores > 1:
+        rows.append(Row("scan.all_cores", f"… {cores} cores", "/s", rates["all"]))
+        rows.append(Row("scan.speedup", f"… {cores} cores / 1 core", "x", rates["all"] / one))
+    rows.append(Row("scan.bullet", "… in PyBullet", "/s", rates["bullet"]))
+    rows.append(Row("scan.ratio", "… 1 core / PyBullet", "x", one / rates["bullet"]))
+    return rows
+
+
+def growth_series(
+    make: MakeSimulator,
+    num_worlds: int,
+    budget: Budget,
+    beams: Sequence[int],
+    boxes: Sequence[int],
+    pedestrians: Sequence[int],
+) -> list[Series]:
+    """Measure how a step with its scan grows with beams, boxes and pedestrians.
+
+    Args:
+        make: Makes the simulator.
+        num_worlds: Worlds.
+        budget: How much to measure.
+        beams: Numbers of beams, among 32 boxes.
+        boxes: Numbers of boxes, for 1,440 beams.
+        pedestrians: Numbers of pedestrians among 4 walls, for 1,440 beams.
+    """
+    room = clutter(num_worlds, NUM_BOXES)
+
+    def of_beams(count: int) -> Task:
+        return drive_task(make(num_worlds, num_beams=count), room)
+
+    def of_boxes(count: int) -> Task:
+        return drive_task(make(num_worlds), clutter(num_worlds, count))
+
+    def of_pedestrians(count: int) -> Task:
+        return drive_task(make(num_worlds, max_pedestrians=count), clutter(num_worlds, 4, count))
+
+    linear = at_most(1.0)
+    return [
+        _growth("beams", beams, of_beams, budget, linear),
+        _growth("boxes", boxes, of_boxes, budget, linear),
+        _growth("pedestrians", pedestrians, of_pedestrians, budget, None),
+    ]
+
+
+def _growth(
+    size: str, sizes: Sequence[int], task: Callable[[int], Task], budget: Budget, bar: Bar | None
+) -> Series:
+    rates = alternate({str(n): task(n) for n in sizes}, budget)
+    costs_us = 1e6 / np.stack([rates[str(n)] for n in sizes], axis=-1)
+    return Series(size, "one world's step and scan", size, "µs", sizes, costs_us, bar)

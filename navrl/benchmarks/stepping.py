@@ -1,0 +1,100 @@
+"""Complete steps: simulate, scan, add noise, pool, align, group, reward; resets included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from torchrl.envs import TransformedEnv
+
+from navrl import keys
+from navrl.benchmarks.measurement import Budget, Task, alternate
+from navrl.benchmarks.results import Bar, Row, Series
+
+MakeEnv = Callable[[int], TransformedEnv]
+"""From a number of worlds to an environment with all of its transforms."""
+
+_NUM_ACTIONS = 64  # drawn beforehand, used in turn: what draws them is not measured
+
+
+class RandomDrive:
+    """Drive every robot at random; an ended episode is followed by another.
+
+    Args:
+        env: Environment with its transforms and actions in [-1, 1].
+    """
+
+    def __init__(self, env: TransformedEnv) -> None:
+        self.env = env
+        generator = torch.Generator().manual_seed(0)
+        shape = (_NUM_ACTIONS, *env.batch_size, 2)
+        self._actions = torch.rand(shape, generator=generator) * 2 - 1
+        self.carrier, self._count = env.reset(), 0
+
+    @torch.no_grad()
+    def __call__(self) -> int:
+        """Step all worlds once; return how many."""
+        self.carrier.set(keys.ACTION, self._actions[self._count % _NUM_ACTIONS])
+        self._count += 1
+        _, self.carrier = self.env.step_and_maybe_reset(self.carrier)
+        return self.env.batch_size.numel()
+
+
+def step_rows(
+    make: MakeEnv,
+    make_reference: MakeEnv,
+    num_worlds: int,
+    num_reference_worlds: int,
+    budget: Budget,
+    cores: int,
+) -> list[Row]:
+    """Measure complete steps on one core and on two, against the same pipeline on PyBullet.
+
+    Args:
+        make: Makes the environment on the fast simulator.
+        make_reference: Makes it on PyBullet.
+        num_worlds: Worlds of the fast one.
+        num_reference_worlds: Worlds of PyBullet's.
+        budget: How much to measure.
+        cores: Of the machine.
+    """
+    env, reference = make(num_worlds), make_reference(num_reference_worlds)
+    drive = RandomDrive(env)
+    tasks = {"one": Task(drive), "bullet": Task(RandomDrive(reference))}
+    if cores > 1:
+        tasks["two"] = Task(drive, 2)
+    rates = alternate(tasks, budget)
+    env.close()
+    reference.close()
+    one = rates["one"]
+    rows = [Row("step.one_core", f"complete steps, {num_worlds} worlds, 1 core", "/s", one)]
+    rows[0] = Row(rows[0].key, rows[0].label, "/s", one, Bar(15_000))
+    if cores > 1:
+        rows.append(Row("step.two_cores", "… 2 cores", "/s", rates["two"]))
+        rows.append(Row("step.speedup", "… 2 cores / 1 core", "x", rates["two"] / one, Bar(1.7)))
+    rows.append(Row("step.bullet", "… on PyBullet", "/s", rates["bullet"]))
+    rows.append(Row("step.ratio", "… 1 core / PyBullet", "x", one / rates["bullet"], Bar(40.0)))
+    return rows
+
+
+def worlds_series(make: MakeEnv, worlds: Sequence[int], budget: Budget) -> Series:
+    """Measure how the time of a batch of complete steps grows with the number of worlds."""
+    envs = {n: make(n) for n in worlds}
+    rates = alternate({str(n): Task(RandomDrive(env)) for n, env in envs.items()}, budget)
+    for env in envs.values():
+        env.close()
+    costs = np.stack([1e3 * n / rates[str(n)] for n in worlds], axis=-1)
+    return Series("worlds", "a complete step of all worlds", "worlds", "ms", worlds, costs)
+
+
+def threads_series(
+    make: MakeEnv, num_worlds: int, threads: Sequence[int], budget: Budget
+) -> Series:
+    """Measure how the time of complete steps falls with threads."""
+    drive = RandomDrive(make(num_worlds))
+    rates = alternate({str(n): Task(drive, n) for n in threads}, budget)
+    drive.env.close()
+    costs = np.stack([1e3 * num_worlds / rates[str(n)] for n in threads], axis=-1)
+    label = f"a complete step of {num_worlds} worlds"
+    return Series("threads", label, "threads", "ms", threads, costs)

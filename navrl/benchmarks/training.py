@@ -1,0 +1,51 @@
+"""A short training, timed phase by phase by the trainer itself."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from navrl.benchmarks.results import Row, at_most
+
+PHASES = {
+    "act": "policy acts",
+    "environment": "simulator and transforms",
+    "replay_write": "replay, writing",
+    "replay_sample": "replay, sampling",
+    "update": "update",
+}
+
+
+def training_rows(log: Path, cores: int) -> list[Row]:
+    """Read what a training logged: each row of the log is one measurement.
+
+    Args:
+        log: The trainer's ``metrics.csv``. Its first row is left out: it holds the steps before the
+            first update.
+        cores: Threads that it ran on.
+
+    Raises:
+        ValueError: If the log has fewer than two rows with timings.
+    """
+    with log.open(newline="") as stream:
+        rows = [row for row in csv.DictReader(stream) if row.get("speed/frames_per_s")][1:]
+    if not rows:
+        raise ValueError(f"{log}: need at least two rows with timings")
+
+    def column(name: str) -> np.ndarray:
+        return np.array([float(row[name]) for row in rows])
+
+    seconds = {phase: column(f"seconds/{phase}") for phase in PHASES}
+    total = np.sum(list(seconds.values()), axis=0)
+    place = f"{cores} core{'s' if cores > 1 else ''}"
+    found = [
+        Row("training.frames", f"training, {place}: frames", "/s", column("speed/frames_per_s")),
+        Row("training.updates", "… updates", "/s", column("speed/updates_per_s")),
+    ]
+    for phase, what in PHASES.items():
+        bar = at_most(10.0) if phase == "environment" else None
+        share = 100 * seconds[phase] / total
+        found.append(Row(f"training.{phase}", f"… time in: {what}", "%", share, bar))
+    return found

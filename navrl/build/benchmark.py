@@ -1,0 +1,214 @@
+"""From a config to the benchmark's rows."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torchrl.envs import TransformedEnv
+
+from navrl import benchmarks
+from navrl.algos import DDPG
+from navrl.benchmarks import Budget, Report, Row, Series
+from navrl.build.environment import (
+    make_env,
+    make_navigation_env,
+    make_pool,
+    num_threads,
+)
+from navrl.build.training import make_agent, make_trainer, observation_shapes
+from navrl.config import compose, instantiate
+from navrl.sim import Simulator
+from navrl.viz import plot_benchmark
+from navrl.worlds import ScenarioPool
+
+log = logging.getLogger(__name__)
+Results = Sequence[Row | Series | str]
+
+
+def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
+    """Measure the rows that ``cfg.rows`` names, in that order, and draw them.
+
+    Args:
+        cfg: A composed ``conf/benchmark.yaml``.
+        folder: Where ``benchmark.json`` grows row by row, and the picture goes in the end.
+
+    Raises:
+        ValueError: If a row is unknown or named twice.
+    """
+    unknown = [name for name in cfg.rows if name not in ROWS]
+    if unknown or not cfg.rows or len(set(cfg.rows)) < len(cfg.rows):
+        raise ValueError(f"rows={list(cfg.rows)}: need distinct ones of {sorted(ROWS)}")
+    report = Report(benchmarks.describe_machine())
+    for name in cfg.rows:
+        log.info("measuring %s", name)
+        report.add(*ROWS[name](cfg))
+        report.save(folder / "benchmark.json")
+    plot_benchmark(folder / "benchmark.json", folder / "benchmark")
+    return report
+
+
+def _scan(cfg: DictConfig) -> Results:
+    return benchmarks.scan_rows(
+        functools.partial(_simulator, cfg),
+        functools.partial(_simulator, _on_bullet(cfg)),
+        cfg.num_worlds,
+        _budget(cfg),
+        num_threads(cfg),
+    )
+
+
+def _peers(cfg: DictConfig) -> Results:
+    return benchmarks.peer_rows(functools.partial(_simulator, cfg), cfg.num_worlds, _budget(cfg))
+
+
+def _step(cfg: DictConfig) -> Results:
+    pool = make_pool(cfg)
+    return benchmarks.step_rows(
+        _maker(cfg, pool),
+        _maker(_on_bullet(cfg), pool),
+        cfg.num_worlds,
+        cfg.effort.bullet_worlds,
+        _budget(cfg),
+        num_threads(cfg),
+    )
+
+
+def _icp_tagd(cfg: DictConfig) -> Results:
+    variants = {}
+    for name in ("paper", "robust"):
+        steps = compose("train", [f"transforms={name}"]).transforms
+        variants[name] = instantiate(steps.icp_align), instantiate(steps.tagd)
+    return benchmarks.perception_rows(_maker(cfg)(cfg.num_worlds), variants, _budget(cfg))
+
+
+def _growth(cfg: DictConfig) -> Results:
+    sizes, budget, make = cfg.effort.sizes, _budget(cfg), _maker(cfg)
+    found: list[Series | str] = [
+        benchmarks.worlds_series(make, list(sizes.worlds), budget),
+        *benchmarks.growth_series(
+            functools.partial(_simulator, cfg),
+            cfg.num_worlds,
+            budget,
+            list(sizes.beams),
+            list(sizes.boxes),
+            list(sizes.pedestrians),
+        ),
+    ]
+    threads = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= num_threads(cfg)]
+    if len(threads) < 2:
+        return [*found, "growth with threads: there is one core"]
+    return [*found, benchmarks.threads_series(make, cfg.num_worlds, threads, budget)]
+
+
+def _memory(cfg: DictConfig) -> Results:
+    return [benchmarks.memory_row(_maker(cfg), cfg.effort.memory_worlds)]
+
+
+def _update(cfg: DictConfig) -> Results:
+    env = _maker(cfg)(1)
+    shapes = observation_shapes(env)
+    env.close()
+    actor, _ = make_agent(cfg, shapes)
+    return [
+        row
+        for device in ("cpu", *(["cuda"] if torch.cuda.is_available() else []))
+        for row in benchmarks.update_rows(
+            functools.partial(_learner, cfg, shapes),
+            {key: shapes[key] for key in actor.in_keys},
+            cfg.replay.batch_size,
+            cfg.algorithm.precision,
+            _budget(cfg),
+            num_threads(cfg),
+            device,
+        )
+    ]
+
+
+def _training(cfg: DictConfig) -> Results:
+    cfg, updates = cfg.copy(), cfg.effort.updates_per_row
+    cfg.schedule.learning_starts = 4 * cfg.replay.batch_size
+    cfg.schedule.log_every_updates = updates
+    cfg.schedule.evaluate_every_updates = 10**9
+    cfg.schedule.checkpoint_every_s = 1e9
+    total_updates = updates * (cfg.effort.repeats + 1)
+    cfg.schedule.total_frames = int(
+        cfg.schedule.learning_starts + total_updates * cfg.schedule.frames_per_update
+    )
+    cfg.behaviour.random_frames = 0
+    cfg.replay.capacity = cfg.schedule.total_frames + cfg.num_worlds
+    cfg.validation.num_episodes = 2
+    with tempfile.TemporaryDirectory() as folder:
+        make_trainer(cfg, Path(folder)).run()
+        return benchmarks.training_rows(Path(folder) / "metrics.csv", num_threads(cfg))
+
+
+def _latency(cfg: DictConfig) -> Results:
+    raw = make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed)
+    drive = benchmarks.record_drive(raw, cfg.effort.scans)
+    low, high = (limit[0] for limit in (raw.action_spec.space.low, raw.action_spec.space.high))
+    env = make_env(raw, instantiate(cfg.transforms))
+    actor, _ = make_agent(cfg, observation_shapes(env))
+    env.close()
+    robot = benchmarks.Robot(instantiate(cfg.transforms), actor.eval(), low, high)
+    return benchmarks.latency_rows(robot, drive, cfg.effort.repeats)
+
+
+ROWS: dict[str, Callable[[DictConfig], Results]] = {
+    "scan": _scan,
+    "peers": _peers,
+    "step": _step,
+    "icp_tagd": _icp_tagd,
+    "growth": _growth,
+    "memory": _memory,
+    "update": _update,
+    "training": _training,
+    "latency": _latency,
+}
+
+
+# --- what is measured ----------------------------------------------------------------------------
+
+
+def _budget(cfg: DictConfig) -> Budget:
+    return Budget(cfg.effort.seconds, cfg.effort.repeats)
+
+
+def _on_bullet(cfg: DictConfig) -> DictConfig:
+    """Return the same configuration on the reference simulator."""
+    copy = cfg.copy()
+    OmegaConf.set_struct(copy, False)
+    copy.simulator = compose("train", ["simulator=bullet"]).simulator
+    return copy
+
+
+def _simulator(
+    cfg: DictConfig, num_worlds: int, num_beams: int | None = None, max_pedestrians: int = 1
+) -> Simulator:
+    beams = {} if num_beams is None else {"num_beams": num_beams}
+    return instantiate(
+        cfg.simulator,
+        num_worlds=num_worlds,
+        lidar=instantiate(cfg.lidar, **beams),
+        max_pedestrians=max_pedestrians,
+    )
+
+
+def _maker(cfg: DictConfig, pool: ScenarioPool | None = None) -> Callable[[int], TransformedEnv]:
+    """Return what makes environments of any number of worlds, all on the same scenarios."""
+    return functools.partial(_env, cfg, make_pool(cfg) if pool is None else pool)
+
+
+def _env(cfg: DictConfig, pool: ScenarioPool, num_worlds: int) -> TransformedEnv:
+    env = make_navigation_env(cfg, num_worlds, pool, cfg.seed)
+    return make_env(env, instantiate(cfg.transforms))
+
+
+def _learner(cfg: DictConfig, shapes: dict[str, list[int]], precision: str, device: str) -> DDPG:
+    actor, critic = (network.to(device) for network in make_agent(cfg, shapes))
+    return instantiate(cfg.algorithm, actor=actor, critic=critic, precision=precision)

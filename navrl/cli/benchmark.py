@@ -1,0 +1,28 @@
+"""``navrl-benchmark``: measure speeds; a table, ``benchmark.json`` and ``benchmark.png``."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from navrl import build
+from navrl.config import hydra_main
+
+log = logging.getLogger(__name__)
+
+
+@hydra_main("benchmark")
+def main(cfg: DictConfig) -> None:
+    """Measure, print the table and keep it."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    build.set_threads(cfg)
+    report = build.run_benchmark(cfg, folder)
+    print(report.table())
+    log.info("benchmark.json, benchmark.png and benchmark.svg are in %s", folder)
+
+
+if __name__ == "__main__":
+    main()

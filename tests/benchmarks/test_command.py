@@ -1,0 +1,110 @@
+"""The command as a user runs it, small and quick. Speeds are shown, never asserted."""
+
+import json
+import math
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import pytest
+
+from navrl import build
+from navrl.build.benchmark import ROWS
+from navrl.config import compose
+from navrl.viz import plot_benchmark
+
+COMMAND = [
+    *(sys.executable, "-m", "navrl.cli.benchmark", "effort=quick", "num_worlds=8"),
+    *("pool_size=4", "scenario=corridor", "network=small", "replay.batch_size=8"),
+    "hydra.run.dir=run",
+]
+WITHOUT_OTHERS = {
+    *("scan.one_core", "scan.beams", "scan.bullet", "scan.ratio"),
+    *("step.one_core", "step.bullet", "step.ratio", "icp_tagd.paper", "icp_tagd.robust"),
+    *("memory.worlds", "growth.worlds", "growth.beams", "growth.boxes", "growth.pedestrians"),
+    *("update.flops", "update.float32.updates", "update.float32.ceiling", "update.float32.share"),
+    *("update.bfloat16.updates", "update.bfloat16.ceiling", "update.bfloat16.share"),
+    *("training.frames", "training.updates", "training.environment", "training.update"),
+    *("training.act", "training.replay_write", "training.replay_sample"),
+    *("latency.median", "latency.p99"),
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("benchmark")
+    result = subprocess.run(COMMAND, cwd=folder, capture_output=True, text=True, timeout=900)
+    assert result.returncode == 0, result.stderr[-3000:]
+    return folder / "run", result.stdout
+
+
+def test_the_json_has_all_rows_with_proper_numbers(run):
+    report = json.loads((run[0] / "benchmark.json").read_text())
+    rows = {row["key"]: row for row in report["rows"]}
+    assert rows.keys() >= WITHOUT_OTHERS
+    for key, row in rows.items():
+        numbers = [row["median"], *row["quartiles"], *row["values"]]
+        assert all(math.isfinite(value) for value in numbers), key
+        assert key.startswith("growth.") or all(value > 0 for value in numbers), key
+        assert row["quartiles"][0] <= row["median"] <= row["quartiles"][1]
+    assert report["machine"].keys() >= {"processor", "cores", "load", "torch", "numba"}
+    shares = [row["median"] for key, row in rows.items() if key.startswith("training.")][2:]
+    assert sum(shares) == pytest.approx(100, abs=5)
+
+
+def test_every_bar_of_the_table_is_there(run):
+    report = json.loads((run[0] / "benchmark.json").read_text())
+    bars = {row["key"]: row["bar"] for row in report["rows"] if row["bar"]}
+    wanted = {
+        "scan.one_core": (30_000, True),
+        "step.one_core": (15_000, True),
+        "step.ratio": (40, True),
+        "icp_tagd.paper": (30, False),
+        "memory.worlds": (1000, False),
+        "growth.beams": (1, False),
+        "growth.boxes": (1, False),
+        "update.bfloat16.share": (50, True),
+        "training.environment": (10, False),
+        "latency.p99": (3, False),
+    }
+    for key, (limit, least) in wanted.items():
+        assert bars[key] == {"limit": limit, "least": least}, key
+
+
+def test_one_table_is_printed_with_every_row(run):
+    report = json.loads((run[0] / "benchmark.json").read_text())
+    table = [line for line in run[1].splitlines() if line.startswith("| ")]
+    assert len(table) == len(report["rows"]) + 2
+    assert report["machine"]["processor"] in run[1]
+
+
+def test_peers_that_are_not_there_are_named(run):
+    report = json.loads((run[0] / "benchmark.json").read_text())
+    keys, skipped = {row["key"] for row in report["rows"]}, " ".join(report["skipped"])
+    for name, module in (("navground", "navground"), ("ir_sim", "irsim")):
+        is_there = find_spec(module) is not None
+        assert (f"peers.{name}_ratio" in keys) == is_there
+        assert (f"{name}: not installed" in skipped) != is_there
+
+
+def test_the_picture_is_there(run):
+    assert (run[0] / "benchmark.png").read_bytes().startswith(b"\x89PNG")
+    text = (run[0] / "benchmark.svg").read_text()
+    for words in ("bars reached", "growth with boxes", "a training's time"):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    "rows", [["warp_drive"], [], ["latency", "latency"]], ids=["unknown", "none", "twice"]
+)
+def test_unknown_rows_are_answered_with_the_known(rows, tmp_path):
+    cfg = compose("benchmark", [f"rows=[{','.join(rows)}]"])
+    with pytest.raises(ValueError, match="latency") as error:
+        build.run_benchmark(cfg, tmp_path)
+    assert all(name in str(error.value) for name in ROWS)
+
+
+def test_a_picture_needs_a_report(tmp_path):
+    (tmp_path / "benchmark.json").write_text("{}")
+    with pytest.raises(ValueError, match="no report"):
+        plot_benchmark(tmp_path / "benchmark.json", tmp_path / "picture")

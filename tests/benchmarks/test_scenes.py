@@ -1,0 +1,75 @@
+"""What is measured is what is said: rooms, drives, and a robot that acts on its past."""
+
+import numpy as np
+import torch
+
+from navrl import keys
+from navrl.benchmarks import RandomDrive, Robot, record_drive
+from navrl.benchmarks.scanning import drive_task
+from navrl.benchmarks.scenes import FREE_RADIUS, clutter
+from navrl.build import make_env, make_navigation_env, make_pool, observation_shapes
+from navrl.config import compose, instantiate
+from navrl.networks import make_actor
+from navrl.sim import BatchedSimulator, Contact, DifferentialDrive, Lidar
+
+TINY = ["scenario=corridor", "network=small", "pool_size=4", "num_threads=1"]
+
+
+def simulator(num_worlds=3, max_pedestrians=10):
+    return BatchedSimulator(
+        num_worlds,
+        DifferentialDrive(),
+        Lidar(noise="none"),
+        max_pedestrians=max_pedestrians,
+    )
+
+
+def test_rooms_have_as_many_boxes_as_asked_and_differ():
+    scenes = clutter(3, 32)
+    assert scenes.num_boxes.tolist() == [32] * 3
+    assert not torch.equal(scenes.boxes[0], scenes.boxes[1])
+    assert (scenes.boxes[:, 4:, :2].norm(dim=-1) >= FREE_RADIUS - 1e-9).all()
+
+
+def test_robots_turn_among_walkers_for_long_and_touch_nobody():
+    worlds = simulator()
+    task = drive_task(worlds, clutter(3, 32, 10))
+    before = worlds.state()
+    for _ in range(100):
+        assert task.work() == 3
+    after = worlds.state()
+    assert (after.contact == Contact.NONE).all()
+    assert (after.time_s > 19).all()
+    assert (after.pedestrians[..., :2] != before.pedestrians[..., :2]).any(-1).all()
+    assert (worlds.ranges() < 3.5).float().mean() > 0.75  # few beams find nothing
+
+
+def make_parts():
+    cfg = compose("train", TINY)
+    raw = make_navigation_env(cfg, 1, make_pool(cfg), 0)
+    drive = record_drive(raw, 12)
+    env = make_env(raw, instantiate(cfg.transforms))
+    actor = make_actor(instantiate(cfg.network.encoder), observation_shapes(env))
+    return instantiate(cfg.transforms), actor, drive, env
+
+
+def test_a_random_drive_ends_episodes_and_goes_on():
+    drive = RandomDrive(make_parts()[3])
+    steps = [drive() for _ in range(200)]
+    assert set(steps) == {1}
+    assert not drive.carrier["done"].any()
+
+
+def test_the_robot_computes_what_the_environment_does():
+    """The same scans through the transforms of an environment give the same network inputs."""
+    transforms, actor, _, env = make_parts()
+    low, high = torch.tensor([0.0, -2.0]), torch.tensor([1.0, 2.0])
+    robot, carrier = Robot(transforms, actor, low, high), env.reset()
+    for _ in range(6):
+        sensed = {k: carrier[k][0].numpy() for k in (keys.RANGES, keys.POSE, keys.PATH)}
+        command = robot.act(sensed)
+        with torch.no_grad():
+            action = actor(carrier)[keys.ACTION]
+        wanted = (low + high) / 2 + (high - low) / 2 * action[0]
+        np.testing.assert_allclose(command, wanted, atol=1e-5)
+        carrier = env.step_mdp(env.step(carrier))
