@@ -172,6 +172,8 @@ class Trainer:
         self._save()
 
     def _updates_due(self) -> float:
+        if not len(self.replay):  # n-step returns hold the first steps back
+            return 0.0
         frames = self.progress.frames - self.schedule.learning_starts
         return frames / self.schedule.frames_per_update
 
