@@ -16,13 +16,13 @@ RECORDS = [
     EpisodeRecord(5, "office", "error", 0, math.nan, math.nan, math.nan, False, "a\nb"),
 ]
 CSV = """\
-index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,error
-0,corridor,success,40,8.000000,7.123457,0.250000,0,
-1,office,success,51,10.200000,9.500000,inf,0,
-2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,
-3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,
-4,office,timeout,150,30.000000,3.000000,0.400000,0,
-5,office,error,0,nan,nan,nan,0,"a
+index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,error
+0,corridor,success,40,8.000000,7.123457,0.250000,0,,
+1,office,success,51,10.200000,9.500000,inf,0,,
+2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,,
+3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,,
+4,office,timeout,150,30.000000,3.000000,0.400000,0,,
+5,office,error,0,nan,nan,nan,0,,"a
 b"
 """
 
