@@ -1,7 +1,9 @@
 """Files of an evaluation: what is counted, and the very bytes."""
 
+import csv
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -75,3 +77,13 @@ def test_files_hold_these_bytes(tmp_path):
     assert json.loads(text) == summary()
     write_results(tmp_path / "again", RECORDS, summary())
     assert (tmp_path / "again" / "summary.json").read_text() == text
+
+
+def test_plans_are_counted_and_written(tmp_path):
+    planned = [replace(r, solved=r.outcome == "success") for r in RECORDS]
+    assert summary(planned)["solved"] == 2
+    assert summary(planned)["by_scenario"]["office"]["solved"] == 1
+    assert "solved" not in summary()
+    write_results(tmp_path, planned, summary(planned))
+    with (tmp_path / "episodes.csv").open(newline="") as file:
+        assert [row["solved"] for row in csv.DictReader(file)] == ["1", "1", "0", "0", "0", "0"]
