@@ -67,7 +67,23 @@ class DynamicWindow(TensorDictModuleBase):
         group_radius: float = 0.3,
     ) -> None:
         super().__init__()
-        _check_window(locals())
+        _check_positive(
+            time_step_s=time_step_s,
+            horizon_steps=horizon_steps,
+            clearance=clearance,
+            group_radius=group_radius,
+        )
+        _check_sampling(num_speeds, num_turn_rates)
+        if not min(margin, clearance_weight, path_weight) >= 0:
+            raise ValueError(
+                f"margin={margin}, clearance_weight={clearance_weight}, "
+                f"path_weight={path_weight}: must be >= 0"
+            )
+        if not 0 < least_speed < most_speed:
+            raise ValueError(
+                f"least_speed={least_speed}, most_speed={most_speed}: "
+                "need 0 < least_speed < most_speed"
+            )
         self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS]
         self.in_keys += [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
         self.out_keys = [keys.ACTION]
@@ -150,20 +166,15 @@ class DynamicWindow(TensorDictModuleBase):
         return torch.where(clear[..., -1] > 0, worth, clear.sum(-1) - 1e3 + room[..., 0])
 
 
-def _check_window(values: dict) -> None:
-    for name in ("time_step_s", "horizon_steps", "clearance", "group_radius"):
-        if not values[name] > 0:
-            raise ValueError(f"{name}={values[name]}: must be > 0")
-    for name in ("margin", "clearance_weight", "path_weight"):
-        if not values[name] >= 0:
-            raise ValueError(f"{name}={values[name]}: must be >= 0")
-    if not 0 < values["least_speed"] < values["most_speed"]:
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name}={value}: must be > 0")
+
+
+def _check_sampling(num_speeds: int, num_turn_rates: int) -> None:
+    if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
         raise ValueError(
-            f"least_speed={values['least_speed']}, most_speed={values['most_speed']}: "
-            "need 0 < least_speed < most_speed"
-        )
-    if values["num_speeds"] < 2 or values["num_turn_rates"] < 3 or not values["num_turn_rates"] % 2:
-        raise ValueError(
-            f"num_speeds={values['num_speeds']}: need at least 2; "
-            f"num_turn_rates={values['num_turn_rates']}: need an odd number of at least 3"
+            f"num_speeds={num_speeds}: need at least 2; "
+            f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
         )

@@ -104,7 +104,8 @@ class Oracle(TensorDictModuleBase):
         self.robot, self.goal_radius, self.cell = robot, goal_radius, cell
         self.time_limit_steps, self.efforts = time_limit_steps, tuple(efforts)
         self.time_step_s, self.substeps = time_step_s, substeps
-        self._bins = math.ceil(2 * math.pi / (robot.max_turn_rate * time_step_s * turns[0]))
+        turn = robot.max_turn_rate * time_step_s * turns[0]  # rad, the least of a step
+        self._bins = math.ceil(2 * math.pi / turn - 1e-9)
         self._primitives = self._make_primitives(speeds, turns)
         self._plan: Tensor | None = None
         self._step = 0
