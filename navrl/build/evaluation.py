@@ -76,7 +76,8 @@ def _controller(cfg: DictConfig) -> Contender:
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
         )
-    local = _replaced(cfg, {"controller": OmegaConf.load(file)})
+    node = OmegaConf.merge(OmegaConf.load(file), cfg.change.get("controller", {}))
+    local = _replaced(cfg, {"controller": node})
     return Contender(cfg.policy, instantiate(local.controller), _environment(local))
 
 

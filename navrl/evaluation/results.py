@@ -21,6 +21,7 @@ _COLUMNS = (
     "path_length_m",
     "min_pedestrian_distance_m",
     "run_into",
+    "solved",
     "error",
 )
 
@@ -48,7 +49,9 @@ def summarize(
     Returns:
         Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval;
         how many succeeded and their mean navigation time in s (``None`` without any); how many were
-        run into, which are among the collisions with pedestrians; how many raised an error.
+        run into, which are among the collisions with pedestrians; how many raised an error. Of a
+        policy that plans ahead also how many it solved: those that nobody could win are among the
+        others.
 
     Raises:
         ValueError: If there is no record.
@@ -90,11 +93,14 @@ def _rates(records: Sequence[EpisodeRecord]) -> dict:
     times = [r.time_s for r in records if r.outcome == "success"]
     result["successes"] = count["success"]
     result["run_into"] = sum(r.run_into for r in records)
+    if any(r.solved is not None for r in records):
+        result["solved"] = sum(bool(r.solved) for r in records)
     result["navigation_time_s"] = round(sum(times) / len(times), 4) if times else None
     return result
 
 
 def _cell(value: object) -> object:
+    """Write a value; ``None`` is an empty cell."""
     if isinstance(value, bool):
         return int(value)
     return f"{value:.6f}" if isinstance(value, float) else value

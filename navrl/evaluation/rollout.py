@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from tensordict import TensorDictBase
@@ -18,6 +19,24 @@ from navrl.sim import Contact
 from navrl.worlds import KINDS, ScenarioBatch
 
 ERROR = "error"
+
+
+class Preparing(Protocol):
+    """A policy that is shown the scenarios before it plays them, as one that cheats needs to be.
+
+    Having the method is enough: :func:`evaluate` calls it before each reset.
+    """
+
+    def prepare(self, scenarios: ScenarioBatch) -> Tensor | None:
+        """Get ready to play ``scenarios``, one a world.
+
+        Returns:
+            ``[N]`` bool, which of them the policy knows how to win, or ``None`` if it does not
+            plan that far.
+        """
+
+    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write a normalised action."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +54,7 @@ class EpisodeRecord:
         min_pedestrian_distance_m: m, least distance from hull to pedestrian, surface to surface.
         run_into: Whether a pedestrian moved into the robot rather than the robot into it.
         error: Traceback, if the episode raised.
+        solved: Whether the policy knew beforehand how to win; ``None`` of one that does not plan.
     """
 
     index: int
@@ -46,6 +66,7 @@ class EpisodeRecord:
     min_pedestrian_distance_m: float
     run_into: bool = False
     error: str = ""
+    solved: bool | None = None
 
 
 @torch.no_grad()
@@ -61,7 +82,8 @@ def evaluate(
     Args:
         env: Environment over N worlds with ``privileged=True``; scenarios are played N at a time,
             in order, the last chunk padded by repetition.
-        policy: Writes a normalised action; noise is off.
+        policy: Writes a normalised action; noise is off. If it has a method ``prepare``, it is
+            shown what it is about to play (:class:`Preparing`).
         scenarios: What to play.
         on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
             with those of its neighbours once more.
@@ -113,6 +135,7 @@ class _Tally:
     length: Tensor
     clearance: Tensor
     time_step_s: float
+    solved: Tensor | None
 
 
 def _play(
@@ -123,6 +146,7 @@ def _play(
 ) -> _Tally:
     base = env.base_env
     base.set_scenarios(batch)
+    solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         carrier = env.reset()
         zeros = torch.zeros(len(batch), dtype=torch.int64, device=env.device)
@@ -133,6 +157,7 @@ def _play(
             length=zeros.float(),
             clearance=carrier[keys.PEDESTRIAN_CLEARANCE].squeeze(-1).clone(),
             time_step_s=base.simulator.time_step_s,
+            solved=solved,
         )
         running = torch.ones_like(zeros, dtype=torch.bool)
         while bool(running.any()):
@@ -171,6 +196,7 @@ def _record(tally: _Tally, batch: ScenarioBatch, row: int, index: int) -> Episod
         path_length_m=float(tally.length[row]),
         min_pedestrian_distance_m=float(tally.clearance[row]),
         run_into=int(tally.contact[row]) == Contact.RUN_INTO,
+        solved=None if tally.solved is None else bool(tally.solved[row]),
     )
 
 

@@ -1,7 +1,9 @@
 """Files of an evaluation: what is counted, and the very bytes."""
 
+import csv
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -16,13 +18,13 @@ RECORDS = [
     EpisodeRecord(5, "office", "error", 0, math.nan, math.nan, math.nan, False, "a\nb"),
 ]
 CSV = """\
-index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,error
-0,corridor,success,40,8.000000,7.123457,0.250000,0,
-1,office,success,51,10.200000,9.500000,inf,0,
-2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,
-3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,
-4,office,timeout,150,30.000000,3.000000,0.400000,0,
-5,office,error,0,nan,nan,nan,0,"a
+index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,error
+0,corridor,success,40,8.000000,7.123457,0.250000,0,,
+1,office,success,51,10.200000,9.500000,inf,0,,
+2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,,
+3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,,
+4,office,timeout,150,30.000000,3.000000,0.400000,0,,
+5,office,error,0,nan,nan,nan,0,,"a
 b"
 """
 
@@ -75,3 +77,13 @@ def test_files_hold_these_bytes(tmp_path):
     assert json.loads(text) == summary()
     write_results(tmp_path / "again", RECORDS, summary())
     assert (tmp_path / "again" / "summary.json").read_text() == text
+
+
+def test_plans_are_counted_and_written(tmp_path):
+    planned = [replace(r, solved=r.outcome == "success") for r in RECORDS]
+    assert summary(planned)["solved"] == 2
+    assert summary(planned)["by_scenario"]["office"]["solved"] == 1
+    assert "solved" not in summary()
+    write_results(tmp_path, planned, summary(planned))
+    with (tmp_path / "episodes.csv").open(newline="") as file:
+        assert [row["solved"] for row in csv.DictReader(file)] == ["1", "1", "0", "0", "0", "0"]

@@ -179,3 +179,30 @@ def test_a_policy_that_always_raises_is_all_errors(envs, batch):
 
     found = evaluate(envs[3], policy, batch)
     assert [(record.index, record.outcome) for record in found] == [(i, ERROR) for i in range(7)]
+
+
+class Seer:
+    """Notes what it is shown before each reset; knows how to win every other episode."""
+
+    def __init__(self, plans=True):
+        self.shown, self.plans = [], plans
+
+    def prepare(self, scenarios):
+        self.shown.append(scenarios.goal.tolist())
+        return scenarios.goal[:, 1] == 0.0 if self.plans else None
+
+    def __call__(self, tensordict):
+        return straight(tensordict)
+
+
+def test_a_policy_that_prepares_is_shown_what_it_plays(envs, batch):
+    seer = Seer()
+    found = evaluate(envs[3], seer, batch)
+    goals = [scene.goal.tolist() for scene in EPISODES]
+    assert seer.shown == [goals[:3], goals[3:6], [goals[6]] * 3]  # the last chunk is padded
+    assert [record.solved for record in found] == [goal[1] == 0.0 for goal in goals]
+
+
+def test_whoever_does_not_plan_solves_neither_more_nor_less(envs, batch, records):
+    assert {record.solved for record in records} == {None}
+    assert evaluate(envs[3], Seer(plans=False), batch) == records

@@ -5,8 +5,10 @@ from __future__ import annotations
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
 
 from navrl import keys
+from navrl.policies.classical.commands import normalized_action
 from navrl.sim import DifferentialDrive
 
 
@@ -40,12 +42,20 @@ class PurePursuit(TensorDictModuleBase):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the normalised action ``[*B, 2]``."""
-        points = tensordict.get(self.in_keys[0])
-        if self.waypoint >= points.shape[-2]:
+        command = self.command(tensordict.get(self.in_keys[0]))
+        return tensordict.set(keys.ACTION, normalized_action(self.robot, command))
+
+    def command(self, waypoints: Tensor) -> Tensor:
+        """Return (v, w) ``[*B, 2]``, m/s and rad/s, for waypoints ``[*B, N_f, 2]``.
+
+        Raises:
+            ValueError: If there is no such waypoint.
+        """
+        if self.waypoint >= waypoints.shape[-2]:
             raise ValueError(
-                f"waypoint={self.waypoint}: there are only {points.shape[-2]} waypoints"
+                f"waypoint={self.waypoint}: there are only {waypoints.shape[-2]} waypoints"
             )
-        x, y = points[..., self.waypoint, :].unbind(-1)
+        x, y = waypoints[..., self.waypoint, :].unbind(-1)
         squared = (x.square() + y.square()).clamp_min(1e-6)
         curvature = 2 * y / squared
         robot = self.robot
@@ -58,8 +68,4 @@ class PurePursuit(TensorDictModuleBase):
         speed = torch.where(turn_only, 0.0, speed)
         side = torch.where(y < 0, -1.0, 1.0)  # never 0: straight behind, it turns left
         turn = torch.where(turn_only, side * robot.max_turn_rate, speed * curvature)
-        low = torch.tensor([robot.min_speed, -robot.max_turn_rate], device=x.device)
-        high = torch.tensor([robot.max_speed, robot.max_turn_rate], device=x.device)
-        command = torch.stack([speed, turn], dim=-1)
-        action = (2 * command - (low + high)) / (high - low)
-        return tensordict.set(keys.ACTION, action.clamp(-1.0, 1.0))
+        return torch.stack([speed, turn], dim=-1)

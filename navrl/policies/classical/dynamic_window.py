@@ -1,0 +1,180 @@
+"""The dynamic window approach: look a little ahead along many arcs, take the best one."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from navrl import keys
+from navrl.ops.unicycle import advance_poses
+from navrl.policies.classical.commands import normalized_action, physical_command
+from navrl.sim import DifferentialDrive
+
+_FAR = 100.0  # m, where points go that are no obstacle
+
+
+class DynamicWindow(TensorDictModuleBase):
+    """Follow the path among what the scan shows, by sampled arcs.
+
+    Each pair of a speed and a turn rate within reach of the robot's wheels is an arc, driven for
+    ``horizon_steps``. Arcs that touch a point of the pooled scan are out; of the others the one
+    wins that ends nearest to the last waypoint, with room around it, close to the path. If all are
+    out, the one that stays clear for longest wins.
+
+    With ``predict_motion`` the points of a group whose descriptor moved are carried along: a TAGD
+    is where the group was and is, so it walks on at that velocity. Nothing privileged is read.
+
+    Args:
+        robot: Whose limits, hull and wheels count.
+        predict_motion: Whether moved descriptors are carried along.
+        time_step_s: s between two positions on an arc, and between two scans.
+        horizon_steps: Positions on an arc.
+        num_speeds: Speeds sampled.
+        num_turn_rates: Turn rates sampled; odd, so that straight on is one of them.
+        margin: m that arcs keep off points at least.
+        clearance: m beyond which more room is worth nothing.
+        clearance_weight: Worth of a metre of room, in metres nearer to the waypoint.
+        path_weight: Worth of a metre nearer to the path.
+        least_speed: m/s, a descriptor that moves slower stands: noise of scan and alignment.
+        most_speed: m/s, a faster one is a mismatch.
+        group_radius: m around a moved centroid within which points move with it.
+
+    Raises:
+        ValueError: If a value is out of range.
+
+    Reference:
+        Fox, Burgard and Thrun, "The dynamic window approach to collision avoidance", 1997. Ours:
+        waypoints in place of the goal's bearing, points in place of distances along the arc, and
+        the motion of descriptors.
+    """
+
+    def __init__(
+        self,
+        robot: DifferentialDrive,
+        predict_motion: bool = False,
+        time_step_s: float = 0.2,
+        horizon_steps: int = 7,
+        num_speeds: int = 6,
+        num_turn_rates: int = 25,
+        margin: float = 0.05,
+        clearance: float = 0.3,
+        clearance_weight: float = 1.0,
+        path_weight: float = 0.3,
+        least_speed: float = 0.3,
+        most_speed: float = 1.5,
+        group_radius: float = 0.3,
+    ) -> None:
+        super().__init__()
+        _check_positive(
+            time_step_s=time_step_s,
+            horizon_steps=horizon_steps,
+            clearance=clearance,
+            group_radius=group_radius,
+        )
+        _check_sampling(num_speeds, num_turn_rates)
+        if not min(margin, clearance_weight, path_weight) >= 0:
+            raise ValueError(
+                f"margin={margin}, clearance_weight={clearance_weight}, "
+                f"path_weight={path_weight}: must be >= 0"
+            )
+        if not 0 < least_speed < most_speed:
+            raise ValueError(
+                f"least_speed={least_speed}, most_speed={most_speed}: "
+                "need 0 < least_speed < most_speed"
+            )
+        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS]
+        self.in_keys += [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        self.out_keys = [keys.ACTION]
+        self.robot, self.predict_motion = robot, predict_motion
+        self.time_step_s, self.horizon_steps = time_step_s, horizon_steps
+        self.margin, self.clearance = margin, clearance
+        self.clearance_weight, self.path_weight = clearance_weight, path_weight
+        self.speed_range = (least_speed, most_speed)
+        self.group_radius = group_radius
+        speeds = torch.linspace(robot.min_speed, robot.max_speed, num_speeds)
+        turns = torch.linspace(-robot.max_turn_rate, robot.max_turn_rate, num_turn_rates)
+        self._samples = torch.cartesian_prod(speeds, turns)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the normalised action ``[*B, 2]``."""
+        batch = tensordict.batch_size
+        points, returns, waypoints, *tagd = (
+            tensordict.get(key).flatten(0, len(batch) - 1) if batch else tensordict.get(key)[None]
+            for key in self.in_keys
+        )
+        points = torch.where(returns.unsqueeze(-1), points, _FAR)
+        velocity = self._point_velocity(points, *tagd) if tagd else torch.zeros_like(points)
+        samples = self._window(tensordict.get(keys.ACTION, None), len(points), points.device)
+        arcs = self._arcs(samples)
+        room = self._room(arcs, points, velocity)
+        best = self._score(arcs, room, waypoints).argmax(-1)
+        command = samples[torch.arange(len(points), device=points.device), best]
+        action = normalized_action(self.robot, command)
+        return tensordict.set(keys.ACTION, action.reshape(*batch, 2))
+
+    def _window(self, last_action: Tensor | None, count: int, device: torch.device) -> Tensor:
+        """Return ``[N, S, 2]`` commands that the wheels can reach within a step."""
+        samples = self._samples.to(device).expand(count, -1, -1)
+        change = self.robot.acceleration_limit * self.time_step_s
+        if change == float("inf"):
+            return samples
+        driven = torch.zeros(count, 1, 2, device=device)  # at rest before the first action
+        if last_action is not None:
+            driven = physical_command(self.robot, last_action.reshape(count, 1, 2))
+        reach = torch.tensor([change, 2 * change / self.robot.wheel_separation], device=device)
+        return torch.minimum(torch.maximum(samples, driven - reach), driven + reach)
+
+    def _arcs(self, samples: Tensor) -> Tensor:
+        """Return ``[N, S, T, 2]`` m, positions in the robot frame after each step."""
+        time_s = torch.arange(1, self.horizon_steps + 1, device=samples.device) * self.time_step_s
+        driven = samples.unsqueeze(-2) * time_s.unsqueeze(-1)  # m and rad since now
+        return advance_poses(torch.zeros(3, device=samples.device), driven, 1.0)[..., :2]
+
+    def _point_velocity(self, points: Tensor, tagd: Tensor, valid: Tensor) -> Tensor:
+        """Return ``[N, P, 2]`` m a step of points; zero where nothing moved."""
+        before, now = tagd.split(2, dim=-1)
+        motion = now - before
+        low, high = (speed * self.time_step_s for speed in self.speed_range)
+        length = motion.norm(dim=-1)
+        moved = valid.all(-1) & (length > low) & (length < high)
+        gap = torch.cdist(points, torch.where(moved.unsqueeze(-1), now, -_FAR))
+        nearest, group = gap.min(dim=-1, keepdim=True)
+        carried = motion.gather(1, group.expand(*group.shape[:-1], 2))
+        return torch.where(nearest <= self.group_radius, carried, 0.0)
+
+    def _room(self, arcs: Tensor, points: Tensor, velocity: Tensor) -> Tensor:
+        """Return ``[N, S, T]`` m from the hull to the nearest point at each step."""
+        gaps = [
+            torch.cdist(arcs[:, :, k], points + (k + 1) * velocity).amin(-1)
+            for k in range(self.horizon_steps)
+        ]
+        return torch.stack(gaps, dim=-1) - self.robot.radius
+
+    def _score(self, arcs: Tensor, room: Tensor, waypoints: Tensor) -> Tensor:
+        """Return ``[N, S]``, larger is better."""
+        clear = (room > self.margin).cumprod(-1)  # until the first touch
+        to_goal = (arcs - waypoints[:, None, -1:]).norm(dim=-1).amin(-1)
+        off_path = torch.cdist(arcs[:, :, -1], waypoints).amin(-1)
+        worth = (
+            self.clearance_weight * room.amin(-1).clamp_max(self.clearance)
+            - to_goal
+            - self.path_weight * off_path
+        )
+        # One that touches ranks behind all that do not, and then by how late it does.
+        return torch.where(clear[..., -1] > 0, worth, clear.sum(-1) - 1e3 + room[..., 0])
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name}={value}: must be > 0")
+
+
+def _check_sampling(num_speeds: int, num_turn_rates: int) -> None:
+    if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
+        raise ValueError(
+            f"num_speeds={num_speeds}: need at least 2; "
+            f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
+        )

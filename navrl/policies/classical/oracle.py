@@ -1,0 +1,229 @@
+"""An oracle: it knows every pedestrian's future and drives through it by a finished plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from navrl import keys
+from navrl.ops.kernels.space_time import FOUND, plan_kernel
+from navrl.policies.classical.commands import normalized_action
+from navrl.policies.classical.space_time_maps import space_time_maps
+from navrl.sim import DifferentialDrive
+from navrl.worlds import ScenarioBatch
+
+
+@dataclass(frozen=True)
+class SearchEffort:
+    """One attempt at a plan.
+
+    Args:
+        margin: m that the plan keeps off everything.
+        greed: Weight of the steps still to go; 1 looks for the shortest drive, more finds one
+            sooner.
+        max_nodes: Poses after which the attempt is given up.
+    """
+
+    margin: float
+    greed: float
+    max_nodes: int
+
+    def __post_init__(self) -> None:
+        if not (self.margin >= 0 and self.greed > 0 and self.max_nodes > 0):
+            raise ValueError(
+                f"margin={self.margin}: must be >= 0 m; greed={self.greed}, "
+                f"max_nodes={self.max_nodes}: must be > 0"
+            )
+
+
+class Oracle(TensorDictModuleBase):
+    """Plan the whole drive before it begins, then replay it with closed eyes.
+
+    It cheats in all things: :meth:`prepare` reads the walls and where each pedestrian will be at
+    each substep. The plan is searched in place, heading and time; its moves are arcs that a
+    unicycle drives exactly, and each is checked at every substep by the simulators' own contact
+    rule. An episode without a plan is reported as not solved, and the robot stands still in it.
+
+    What it solves can be won, so its rate is a lower bound of the ceiling. What it leaves unsolved
+    was not found by this search; that is no proof that there is no way.
+
+    Args:
+        robot: A kinematic one: what commands do is known beforehand.
+        goal_radius: m.
+        time_limit_steps: Steps in which the goal must be reached.
+        time_step_s: s.
+        substeps: Contact checks a step.
+        speeds: Shares of the top speed that a step is driven at; 0 waits or turns on the spot.
+        turns: Turns of a step to the left, in shares of the most that is possible; the same to the
+            right and straight on are added. Multiples of the first.
+        cell: m; of poses that share a cell, a heading and a step only the first is followed.
+        efforts: Tried in turn until one finds a plan.
+
+    Raises:
+        ValueError: If the robot is not kinematic or a value is out of range.
+
+    Reference:
+        Dolgov et al., "Practical search techniques in path planning for autonomous driving", 2008
+        (hybrid A*). Time as a dimension of the search and the efforts are ours.
+    """
+
+    def __init__(
+        self,
+        robot: DifferentialDrive,
+        goal_radius: float = 0.2,
+        time_limit_steps: int = 150,
+        time_step_s: float = 0.2,
+        substeps: int = 10,
+        speeds: Sequence[float] = (1.0, 0.5, 0.0),
+        turns: Sequence[float] = (0.5, 1.0),
+        cell: float = 0.1,
+        efforts: Sequence[SearchEffort] = (
+            SearchEffort(0.03, 1.1, 300_000),
+            SearchEffort(0.005, 1.5, 3_000_000),
+        ),
+    ) -> None:
+        super().__init__()
+        _check_oracle(robot, speeds, turns, efforts)
+        positive = {
+            "goal_radius": goal_radius,
+            "time_limit_steps": time_limit_steps,
+            "time_step_s": time_step_s,
+            "substeps": substeps,
+            "cell": cell,
+        }
+        for name, value in positive.items():
+            if not value > 0:
+                raise ValueError(f"{name}={value}: must be > 0")
+        self.in_keys, self.out_keys = [], [keys.ACTION]
+        self.robot, self.goal_radius, self.cell = robot, goal_radius, cell
+        self.time_limit_steps, self.efforts = time_limit_steps, tuple(efforts)
+        self.time_step_s, self.substeps = time_step_s, substeps
+        turn = robot.max_turn_rate * time_step_s * turns[0]  # rad, the least of a step
+        self._bins = math.ceil(2 * math.pi / turn - 1e-9)
+        self._primitives = self._make_primitives(speeds, turns)
+        self._plan: Tensor | None = None
+        self._step = 0
+
+    def _make_primitives(self, speeds: Sequence[float], turns: Sequence[float]) -> Tensor:
+        """Return ``[A, 2]`` (v, heading bins turned): fast and straight ones first."""
+        bins = [0] + [sign * round(turn / turns[0]) for turn in turns for sign in (1, -1)]
+        moves = [(share * self.robot.max_speed, turn) for share in speeds for turn in bins]
+        return torch.tensor(moves, dtype=torch.float64)
+
+    @property
+    def commands(self) -> Tensor:
+        """``[A, 2]`` (v, w) m/s and rad/s of the moves that plans are made of."""
+        turn_rate = self._primitives[:, 1] * (2 * math.pi / self._bins / self.time_step_s)
+        return torch.stack([self._primitives[:, 0], turn_rate], dim=-1)
+
+    def prepare(self, scenarios: ScenarioBatch) -> Tensor:
+        """Plan the episodes that are to be played next.
+
+        Args:
+            scenarios: ``[S]``, one a world; equal ones are planned once.
+
+        Returns:
+            ``[S]`` bool, whether a plan was found.
+        """
+        rows, origin = _distinct(scenarios)
+        distinct = scenarios[rows].to("cpu")
+        stay = int((self._primitives == 0).all(-1).nonzero()[0])
+        plan = torch.full((len(rows), self.time_limit_steps), stay)
+        solved = torch.zeros(len(rows), dtype=torch.bool)
+        for effort in self.efforts:
+            left = (~solved).nonzero().squeeze(-1)
+            if len(left) > 0:
+                plan[left], solved[left] = self._search(distinct[left], effort, stay)
+        self._plan, self._step = self.commands[plan[origin]], 0
+        return solved[origin]
+
+    def _search(
+        self, scenarios: ScenarioBatch, effort: SearchEffort, stay: int
+    ) -> tuple[Tensor, Tensor]:
+        """Return the moves ``[S, T]`` and whether they lead to the goal ``[S]``."""
+        count, limit = len(scenarios), self.time_limit_steps
+        reach = self.robot.radius + effort.margin
+        ticks = torch.arange(limit * self.substeps + 1) * (self.time_step_s / self.substeps)
+        maps = space_time_maps(
+            scenarios, ticks.double(), reach, self.cell, self.robot.max_speed * self.time_step_s
+        )
+        plan = torch.full((count, limit), stay)
+        code, steps, nodes = (torch.zeros(count, dtype=torch.int64) for _ in range(3))
+        plan_kernel(
+            *(value.numpy() for value in maps),
+            self._primitives.numpy(),
+            self._offsets().numpy(),
+            self._bins,
+            reach,
+            self.goal_radius - min(effort.margin, 0.1 * self.goal_radius),
+            self.cell,
+            effort.greed,
+            effort.max_nodes,
+            plan.numpy(),
+            code.numpy(),
+            steps.numpy(),
+            nodes.numpy(),
+        )
+        return plan, code == FOUND
+
+    def _offsets(self) -> Tensor:
+        """Return ``[A, U, 2]`` m where each move leads by each substep, from heading 0."""
+        v, w = self.commands[:, None].unbind(-1)
+        time_s = torch.arange(1, self.substeps + 1) * (self.time_step_s / self.substeps)
+        half = 0.5 * w * time_s.double()
+        chord = v * time_s * torch.sinc(half / math.pi)
+        return torch.stack([chord * half.cos(), chord * half.sin()], dim=-1)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the plan's next normalised action ``[N, 2]``.
+
+        Raises:
+            RuntimeError: If nothing was prepared for these worlds.
+        """
+        size = tensordict.batch_size.numel()
+        if self._plan is None or len(self._plan) != size:
+            raise RuntimeError(f"oracle: call prepare() with the scenarios of these {size} worlds")
+        step = min(self._step, self.time_limit_steps - 1)
+        self._step += 1
+        action = normalized_action(self.robot, self._plan[:, step])
+        return tensordict.set(keys.ACTION, action.to(tensordict.device))
+
+
+def _distinct(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:
+    """Return the rows ``[D]`` of distinct scenarios and which of them each row is ``[S]``."""
+    tensors = [value.cpu() for value in scenarios.tensors().values()]
+    numbers: dict[bytes, int] = {}
+    first, number = [], []
+    for row in range(len(scenarios)):
+        content = b"".join(value[row].numpy().tobytes() for value in tensors)
+        if content not in numbers:
+            numbers[content] = len(first)
+            first.append(row)
+        number.append(numbers[content])
+    return torch.tensor(first), torch.tensor(number)
+
+
+def _check_oracle(
+    robot: DifferentialDrive,
+    speeds: Sequence[float],
+    turns: Sequence[float],
+    efforts: Sequence[SearchEffort],
+) -> None:
+    if robot.model != "kinematic" or robot.min_speed > 0:
+        raise ValueError(
+            f"robot.model={robot.model}, robot.min_speed={robot.min_speed}: the oracle plans for "
+            "'kinematic' robots that can stand still"
+        )
+    if 0.0 not in speeds or not all(0 <= share <= 1 for share in speeds):
+        raise ValueError(f"speeds={list(speeds)}: need shares in [0, 1], 0 among them")
+    multiples = [turn / turns[0] for turn in turns if turns[0] > 0]
+    if not turns or not multiples or max(turns) > 1 or any(m != round(m) for m in multiples):
+        raise ValueError(f"turns={list(turns)}: need shares in (0, 1], multiples of the first")
+    if not efforts:
+        raise ValueError("efforts: need at least one, got none")

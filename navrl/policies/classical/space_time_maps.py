@@ -1,0 +1,116 @@
+"""What the space-time search reads: walls, people at every substep, and two maps of the floor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from skimage.graph import MCP_Geometric
+from torch import Tensor
+
+from navrl.ops.distance import point_box_distance
+from navrl.worlds import ScenarioBatch, pedestrian_boxes
+
+_AROUND_PATH = 1.5  # m of floor around the path that is searched where no wall ends it
+
+
+class SpaceTimeMaps(NamedTuple):
+    """Arguments of :func:`navrl.ops.kernels.space_time.plan_kernel`, in its order."""
+
+    start: Tensor
+    goal: Tensor
+    walls: Tensor
+    num_walls: Tensor
+    people: Tensor
+    origin: Tensor
+    clearance: Tensor
+    steps_to_go: Tensor
+
+
+def space_time_maps(
+    scenarios: ScenarioBatch, time_s: Tensor, reach: float, cell: float, step_length: float
+) -> SpaceTimeMaps:
+    """Lay out all that is known of the episodes.
+
+    Args:
+        scenarios: ``[S]``.
+        time_s: ``[T]`` s at which people are needed.
+        reach: m that the robot's centre keeps from everything.
+        cell: m, of the maps.
+        step_length: m of the longest step.
+    """
+    walls = _with_direction(scenarios.boxes.double())
+    low, high = _floor(scenarios)
+    size = ((high - low).amax(0) / cell).ceil().long()
+    clearance = torch.stack(
+        [
+            _clearance(
+                scenarios.boxes[s, : int(scenarios.num_boxes[s])], low[s], high[s], size, cell
+            )
+            for s in range(len(scenarios))
+        ]
+    )
+    steps_to_go = np.stack(
+        [
+            _steps_to_go(clearance[s].numpy(), scenarios.goal[s] - low[s], reach, cell, step_length)
+            for s in range(len(scenarios))
+        ]
+    )
+    return SpaceTimeMaps(
+        scenarios.start.double(),
+        scenarios.goal.double(),
+        walls,
+        scenarios.num_boxes,
+        _people(scenarios, time_s),
+        low,
+        clearance,
+        torch.from_numpy(steps_to_go),
+    )
+
+
+def _with_direction(boxes: Tensor) -> Tensor:
+    """Replace the yaw of boxes ``[..., 5]`` by its cosine and sine."""
+    yaw = boxes[..., 4:]
+    return torch.cat([boxes[..., :4], yaw.cos(), yaw.sin()], dim=-1)
+
+
+def _people(scenarios: ScenarioBatch, time_s: Tensor) -> Tensor:
+    """Return ``[S, T, K, 6]`` boxes of the pedestrians; NaN rows where nobody is."""
+    return torch.stack(
+        [
+            _with_direction(pedestrian_boxes(scenarios[row.expand(len(time_s))], time_s))
+            for row in torch.arange(len(scenarios))
+        ]
+    )
+
+
+def _floor(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:
+    """Return the corners ``[S, 2]`` of a rectangle around the path and all walls."""
+    path = scenarios.path.double()
+    low, high = path.amin(1) - _AROUND_PATH, path.amax(1) + _AROUND_PATH
+    extent = scenarios.boxes[..., 2:4].norm(dim=-1, keepdim=True)
+    is_wall = torch.arange(extent.shape[1]) < scenarios.num_boxes[:, None]
+    below = (scenarios.boxes[..., :2] - extent).masked_fill(~is_wall[..., None], torch.inf)
+    above = (scenarios.boxes[..., :2] + extent).masked_fill(~is_wall[..., None], -torch.inf)
+    return torch.minimum(low, below.amin(1)), torch.maximum(high, above.amax(1))
+
+
+def _clearance(boxes: Tensor, low: Tensor, high: Tensor, size: Tensor, cell: float) -> Tensor:
+    """Return ``[CX, CY]`` m from each cell's centre to the nearest wall; 0 beyond the floor."""
+    x, y = (low[axis] + (torch.arange(int(size[axis])) + 0.5) * cell for axis in range(2))
+    centres = torch.stack(torch.meshgrid(x, y, indexing="ij"), dim=-1)
+    distance = point_box_distance(centres, boxes.double().expand(*centres.shape[:2], -1, -1))
+    nearest = distance.amin(-1) if len(boxes) else torch.full(centres.shape[:2], torch.inf).double()
+    return nearest.masked_fill((centres > high).any(-1), 0.0)
+
+
+def _steps_to_go(
+    clearance: np.ndarray, goal: Tensor, reach: float, cell: float, step_length: float
+) -> np.ndarray:
+    """Return ``[CX, CY]`` steps to the goal past the walls; infinite where it is cut off."""
+    costs = np.where(clearance + 0.71 * cell > reach, 1.0, -1.0)
+    index = tuple(int(value) for value in (goal / cell).floor())
+    costs[index] = 1.0
+    distance, _ = MCP_Geometric(costs).find_costs([index])
+    return distance * (cell / step_length)

@@ -1,0 +1,295 @@
+"""Controllers that see: scans by hand, and what must be done about them."""
+
+import importlib.util
+import math
+import sys
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from navrl import keys
+from navrl.policies.classical import DynamicWindow, Orca, StopAndGo
+from navrl.policies.classical.commands import normalized_action, physical_command
+from navrl.sim import DifferentialDrive
+from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
+
+ROBOT = DifferentialDrive()
+AHEAD = torch.stack([0.3 * torch.arange(1.0, 6.0), torch.zeros(5)], dim=-1)  # waypoints
+
+
+def disc(x, y, radius=0.15, count=24):
+    """Points on the near side of somebody, as a lidar sees them."""
+    angle = torch.linspace(0, 2 * math.pi, count + 1)[:-1]
+    points = torch.stack([x + radius * angle.cos(), y + radius * angle.sin()], dim=-1)
+    return points[points.norm(dim=-1) <= math.hypot(x, y)]
+
+
+def scan(*parts, motion=(0.0, 0.0), at=None, waypoints=AHEAD):
+    """An observation of one world; ``motion`` m a step of the group at ``at``."""
+    found = torch.cat(parts) if parts else torch.zeros(0, 2)
+    points = torch.cat([found, 3.5 * torch.ones(180 - len(found), 2)])
+    tagd = torch.full((30, 4), 3.0)
+    valid = torch.zeros(30, 2, dtype=torch.bool)
+    if at is not None:
+        now = torch.tensor(at)
+        tagd[0], valid[0] = torch.cat([now - torch.tensor(motion), now]), True
+    values = {
+        keys.POINTS: points,
+        keys.RETURNS: torch.arange(180) < len(found),
+        keys.WAYPOINTS: waypoints,
+        keys.TAGD: tagd,
+        keys.TAGD_VALID: valid,
+    }
+    return TensorDict({name: value[None] for name, value in values.items()}, [1])
+
+
+def drive(policy, observation):
+    action = policy(observation)[keys.ACTION]
+    assert bool((action.abs() <= 1).all())
+    return physical_command(policy.robot, action)[0].tolist()
+
+
+def test_commands_survive_their_scaling():
+    robot = DifferentialDrive(min_speed=-0.25, max_speed=0.75, max_turn_rate=2.0)
+    command = torch.tensor([[-0.25, 2.0], [0.1, -0.3], [0.75, 0.0]])
+    torch.testing.assert_close(physical_command(robot, normalized_action(robot, command)), command)
+    clipped = normalized_action(robot, torch.tensor([9.0, -9.0]))
+    assert clipped.tolist() == [1.0, -1.0]
+
+
+# --- dynamic window ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("predict", [False, True])
+def test_window_drives_straight_at_full_speed_where_nothing_is(predict):
+    v, w = drive(DynamicWindow(ROBOT, predict), scan())
+    assert (v, w) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-5))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_window_goes_round_on_the_free_side(side):
+    wall = torch.stack([torch.linspace(0.2, 1.5, 30), torch.full((30,), 0.35 * side)], dim=-1)
+    v, w = drive(DynamicWindow(ROBOT), scan(disc(0.9, 0.05 * side), wall))
+    assert v > 0
+    assert w * side < 0
+
+
+def test_window_does_not_drive_into_a_wall():
+    wall = torch.stack([torch.full((100,), 0.3), torch.linspace(-2.0, 2.0, 100)], dim=-1)
+    v, _ = drive(DynamicWindow(ROBOT), scan(wall))
+    assert v * ROBOT.radius < 0.3 * 0.2  # next to nothing
+
+
+def test_window_follows_the_waypoints_to_the_side():
+    for side in (1, -1):
+        points = AHEAD @ torch.tensor([[0.6, 0.8 * side], [0.0, 0.0]])
+        _, w = drive(DynamicWindow(ROBOT), scan(waypoints=points))
+        assert w * side > 0
+
+
+def arcs_end_clear(policy, observation, walker, velocity):
+    """Whether the commanded arc stays clear of a disc that walks on."""
+    v, w = drive(policy, observation)
+    for step in range(1, 5):
+        half = 0.5 * w * 0.2 * step
+        chord = v * 0.2 * step * float(np.sinc(half / math.pi))
+        gap = math.dist(
+            (chord * math.cos(half), chord * math.sin(half)),
+            (walker[0] + velocity[0] * step, walker[1] + velocity[1] * step),
+        )
+        if gap <= ROBOT.radius + 0.15:
+            return False
+    return True
+
+
+def test_only_the_prediction_sees_who_walks_into_the_way():
+    """Somebody 0.8 m to the side comes across: where the robot would be in 0.6 s."""
+    person, motion = (0.7, 0.8), (0.0, -0.2)
+    observation = scan(disc(*person), motion=motion, at=person)
+    assert not arcs_end_clear(DynamicWindow(ROBOT), observation.clone(), person, motion)
+    assert arcs_end_clear(DynamicWindow(ROBOT, True), observation.clone(), person, motion)
+
+
+@pytest.mark.parametrize("motion", [(0.0, -0.03), (0.0, -0.5)])
+def test_noise_and_mismatches_move_nobody(motion):
+    observation = scan(disc(0.7, 0.8), motion=motion, at=(0.7, 0.8))
+    blind, seeing = DynamicWindow(ROBOT), DynamicWindow(ROBOT, True)
+    assert drive(seeing, observation.clone()) == drive(blind, observation.clone())
+
+
+def test_a_group_seen_only_now_does_not_move():
+    observation = scan(disc(0.7, 0.8), motion=(0.0, -0.2), at=(0.7, 0.8))
+    observation[keys.TAGD_VALID][..., 0] = False
+    blind, seeing = DynamicWindow(ROBOT), DynamicWindow(ROBOT, True)
+    assert drive(seeing, observation.clone()) == drive(blind, observation.clone())
+
+
+def test_window_is_as_narrow_as_the_wheels_are_slow():
+    slow = DifferentialDrive(model="wheeled", wheel_acceleration=0.5)
+    policy, observation = DynamicWindow(slow), scan()
+    v, w = drive(policy, observation)  # from rest
+    assert (v, abs(w)) == (pytest.approx(0.1), pytest.approx(0.0, abs=0.5))
+    v, _ = drive(policy, observation)  # the action before is in the TensorDict
+    assert v == pytest.approx(0.2)
+
+
+def test_window_takes_any_batch_shape():
+    one = scan(disc(0.9, 0.1))
+    policy = DynamicWindow(ROBOT, True)
+    alone = policy(one.clone())[keys.ACTION]
+    many = policy(one.expand(6).clone().reshape(2, 3))[keys.ACTION]
+    torch.testing.assert_close(many, alone.expand(2, 3, 2))
+    torch.testing.assert_close(policy(one[0].clone())[keys.ACTION], alone[0])
+
+
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("num_turn_rates", 4),
+        ("num_speeds", 1),
+        ("margin", -1),
+        ("most_speed", 0.1),
+        ("horizon_steps", 0),
+        ("group_radius", 0.0),
+    ],
+)
+def test_window_names_what_cannot_be(name, value):
+    with pytest.raises(ValueError, match=f"{name}={value}"):
+        DynamicWindow(ROBOT, **{name: value})
+
+
+# --- stop and go ---------------------------------------------------------------------------------
+
+
+def test_goes_while_nothing_is_in_the_way():
+    beside = torch.stack([torch.linspace(-0.5, 1.0, 30), torch.full((30,), 0.21)], dim=-1)
+    for things in ([], [beside], [disc(-0.4, 0.0)], [disc(1.0, 0.0)]):
+        v, w = drive(StopAndGo(ROBOT), scan(*things))
+        assert (v, w) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-5))
+
+
+@pytest.mark.parametrize("place", [(0.5, 0.0), (0.9, 0.0), (0.5, 0.3)])
+def test_stops_for_what_is_ahead(place):
+    v, w = drive(StopAndGo(ROBOT), scan(disc(*place)))
+    assert (v, w) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-5))
+
+
+def test_looks_along_the_arc_that_it_drives():
+    curve = AHEAD @ torch.tensor([[0.8, 0.6], [0.0, 0.0]])  # the pursued point lies to the left
+    ahead, on_the_arc = disc(0.75, -0.12, 0.05), disc(0.45, 0.45, 0.05)
+    assert drive(StopAndGo(ROBOT), scan(ahead, waypoints=curve))[0] > 0.5
+    v, w = drive(StopAndGo(ROBOT), scan(on_the_arc, waypoints=curve))
+    assert v == pytest.approx(0.0, abs=1e-6)
+    assert w > 0  # waits facing the waypoint
+
+
+def test_a_range_without_return_stops_nobody():
+    observation = scan(disc(0.5, 0.0))
+    observation[keys.RETURNS][:] = False
+    assert drive(StopAndGo(ROBOT), observation)[0] == pytest.approx(1.0)
+
+
+def test_stop_and_go_names_what_cannot_be():
+    with pytest.raises(ValueError, match="stop_distance=0"):
+        StopAndGo(ROBOT, stop_distance=0)
+    with pytest.raises(ValueError, match="min_speed"):
+        StopAndGo(DifferentialDrive(min_speed=0.1))
+
+
+# --- orca ----------------------------------------------------------------------------------------
+
+rvo = pytest.mark.skipif(importlib.util.find_spec("pyrvo") is None, reason="needs navrl[orca]")
+
+
+def world(walls=()):
+    return ScenarioBatch.pack(
+        [
+            Scenario(
+                suite="by hand",
+                seed=0,
+                index=0,
+                kind="corridor",
+                boxes=np.array(walls, dtype=float).reshape(-1, 5),
+                start=np.zeros(3),
+                goal=np.array([5.0, 0.0]),
+                path=np.array([[0.0, 0.0], [5.0, 0.0]]),
+                pedestrians=(Pedestrian(np.zeros((1, 2)), 0.0, 0.0),),
+                noise_seed=0,
+            )
+        ]
+    )
+
+
+def step_aside(person, motion=(0.0, 0.0), walls=(), yaw=0.0):
+    """The velocity, in the frame of the robot, that ORCA asks for in the second step."""
+    policy = Orca(ROBOT, sidestep=0.01)
+    policy.prepare(world(walls))
+    box = torch.tensor([[[*person, 0.15, 0.15, 0.0]]])
+    observation = TensorDict(
+        {
+            keys.POSE: torch.tensor([[0.0, 0.0, yaw]]),
+            keys.WAYPOINTS: AHEAD[None],
+            keys.PEDESTRIAN_BOXES: box - torch.tensor([*motion, 0.0, 0.0, 0.0]),
+        },
+        [1],
+    )
+    policy(observation)
+    observation[keys.PEDESTRIAN_BOXES] = box
+    return physical_command(ROBOT, policy(observation)[keys.ACTION])[0].tolist()
+
+
+@rvo
+def test_orca_goes_straight_where_nobody_is():
+    for person in ((torch.nan, torch.nan), (0.0, 3.0), (-1.5, 0.0)):
+        v, w = step_aside(person)
+        assert v == pytest.approx(1.0, abs=1e-3)
+        assert w == pytest.approx(0.05, abs=0.01)  # 0.01 rad in 0.2 s
+
+
+@rvo
+def test_orca_takes_all_of_the_avoidance():
+    """Somebody comes head on and keeps coming; the new velocity alone makes the two miss."""
+    v, w = step_aside((1.5, -0.05), motion=(-0.16, 0.0))
+    angle, speed = 0.2 * w, v / math.cos(0.2 * w)
+    relative = np.array([speed * math.cos(angle) + 0.8, speed * math.sin(angle)])
+    relative /= np.linalg.norm(relative)
+    miss = abs(relative[0] * -0.05 - relative[1] * 1.5)
+    assert w > 0
+    assert miss >= ROBOT.radius + 0.15 * math.sqrt(2) + 0.1 - 0.02
+
+
+@rvo
+def test_orca_knows_the_walls():
+    v, _ = step_aside((torch.nan, torch.nan), walls=[(0.45, 0.0, 0.1, 2.0, 0.0)])
+    assert 0.2 * v < 0.35 - ROBOT.radius
+    free, _ = step_aside((torch.nan, torch.nan), walls=[(0.45, 3.0, 0.1, 2.0, 0.0)])
+    assert free == pytest.approx(1.0, abs=1e-3)
+
+
+@rvo
+def test_orca_reads_world_frames():
+    """Facing up, somebody in the world's x direction is to the right, not ahead."""
+    v, w = step_aside((1.0, 0.0), yaw=math.pi / 2)
+    assert (v, w) == (pytest.approx(1.0, abs=1e-3), pytest.approx(0.05, abs=0.01))
+    v, _ = step_aside((0.0, 0.7), yaw=math.pi / 2)
+    assert v < 0.9
+
+
+@rvo
+def test_orca_must_be_prepared_and_names_what_cannot_be():
+    observation = scan()
+    observation[keys.POSE] = torch.zeros(1, 3)
+    observation[keys.PEDESTRIAN_BOXES] = torch.zeros(1, 1, 5)
+    with pytest.raises(RuntimeError, match="prepare"):
+        Orca(ROBOT)(observation)
+    for name, value in (("iterations", 0), ("waypoint", -1), ("time_horizon", 0.0)):
+        with pytest.raises(ValueError, match=f"{name}={value}"):
+            Orca(ROBOT, **{name: value})
+
+
+def test_without_its_library_orca_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyrvo", None)
+    with pytest.raises(ImportError, match=r"navrl\[orca\]"):
+        Orca(ROBOT)

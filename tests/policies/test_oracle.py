@@ -1,0 +1,151 @@
+"""The oracle on scenes whose answer is plain, and its word against the simulator's."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import Compose
+
+from navrl.build import make_env
+from navrl.envs import NavigationEnv
+from navrl.evaluation import evaluate
+from navrl.policies.classical import Oracle, SearchEffort
+from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
+from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
+
+LIMIT = 40
+ROOM = [
+    (1.0, 1.6, 3.0, 0.1, 0.0),
+    (1.0, -1.6, 3.0, 0.1, 0.0),
+    (-2.0, 0.0, 0.1, 1.6, 0.0),
+    (4.0, 0.0, 0.1, 1.6, 0.0),
+]
+SEALED = [(1.5, 0.0, 0.1, 1.6, 0.0)]
+DOOR = [(1.5, 1.0, 0.1, 0.7, 0.0), (1.5, -1.0, 0.1, 0.7, 0.0)]  # 0.6 m wide, at y = 0
+QUICK = [SearchEffort(0.01, 1.2, 200_000)]
+
+
+def walker(*route, speed, offset=0.0):
+    return Pedestrian(np.array(route, dtype=float), speed, offset)
+
+
+def scene(walls=(), people=(), goal=(3.1, 0.0), yaw=0.0):
+    return Scenario(
+        suite="by hand",
+        seed=0,
+        index=0,
+        kind="office",
+        boxes=np.array([*ROOM, *walls], dtype=float),
+        start=np.array([0.0, 0.0, yaw]),
+        goal=np.array(goal),
+        path=np.array([(0.0, 0.0), goal]),
+        pedestrians=tuple(people),
+        noise_seed=0,
+    )
+
+
+def oracle(**changes):
+    return Oracle(DifferentialDrive(), **{"time_limit_steps": LIMIT, "efforts": QUICK, **changes})
+
+
+def play(*scenes, policy=None):
+    simulator = BatchedSimulator(len(scenes), robot=DifferentialDrive(), lidar=Lidar(num_beams=8))
+    env = NavigationEnv(simulator, None, {}, time_limit_steps=LIMIT, privileged=True)
+    return evaluate(make_env(env, Compose()), policy or oracle(), ScenarioBatch.pack(scenes))
+
+
+SCENES = {
+    "empty": scene(),
+    "the goal lies behind": scene(yaw=math.pi),
+    "any yaw": scene(yaw=0.3),
+    "a door": scene(walls=DOOR),
+    "somebody stands in the way": scene(people=[walker((1.5, 0.0), speed=0.0)]),
+    "somebody comes": scene(people=[walker((3.0, 0.0), (-1.0, 0.0), speed=0.8)]),
+    "somebody stays in the door for a while": scene(
+        walls=DOOR, people=[walker((1.5, 0.0), (3.5, 1.2), speed=0.3, offset=4.5)]
+    ),
+    "somebody fast crosses": scene(people=[walker((1.0, 1.2), (1.0, -1.2), speed=2.0)]),
+}
+
+
+def test_what_it_solves_it_wins():
+    """The search's arcs and contacts are the simulator's, or it would not get through."""
+    records = play(*SCENES.values())
+    assert {n: r.outcome for n, r in zip(SCENES, records, strict=True)} == dict.fromkeys(
+        SCENES, "success"
+    )
+    assert all(record.solved for record in records)
+
+
+def test_the_drive_is_short():
+    empty, behind, *_ = play(*SCENES.values())
+    assert empty.steps == math.ceil((3.1 - 0.2) / 0.2)
+    assert behind.steps <= empty.steps + math.ceil(math.pi / (math.pi * 0.2))  # turn, then go
+
+
+def test_says_what_it_cannot_solve():
+    blocked = scene(people=[walker((1.5, 0.0), speed=0.0)], walls=DOOR)
+    doomed = scene(people=[walker((0.0, 0.34), (0.0, -1.0), speed=3.0)])
+    records = play(scene(walls=SEALED), blocked, doomed, scene())
+    assert [record.solved for record in records] == [False, False, False, True]
+    assert records[0].outcome == "timeout"
+    assert records[0].path_length_m == 0.0
+
+
+def test_gives_up_and_tries_harder():
+    hopeless = SearchEffort(0.01, 1.0, 5)
+    assert not play(scene(), policy=oracle(efforts=[hopeless]))[0].solved
+    assert play(scene(), policy=oracle(efforts=[hopeless, *QUICK]))[0].solved
+
+
+def test_keeps_the_margin_it_is_told():
+    wide, narrow = SearchEffort(0.14, 1.2, 200_000), SearchEffort(0.1, 1.2, 200_000)
+    door = scene(walls=DOOR)  # leaves 0.122 m to either side
+    assert not play(door, policy=oracle(efforts=[wide]))[0].solved
+    assert play(door, policy=oracle(efforts=[narrow]))[0].solved
+
+
+def test_the_step_limit_is_part_of_the_plan():
+    need = math.ceil((3.1 - 0.2) / 0.2)
+    batch = ScenarioBatch.pack([scene()])
+    assert bool(oracle(time_limit_steps=need).prepare(batch))
+    assert not bool(oracle(time_limit_steps=need - 1).prepare(batch))
+
+
+def test_equal_scenarios_share_a_plan_and_the_batch_does_not_matter():
+    scenes = [SCENES["somebody comes"], SCENES["a door"], SCENES["somebody comes"]]
+    batch, policy = ScenarioBatch.pack(scenes), oracle()
+    policy.prepare(batch)
+    together = policy(TensorDict({}, [3]))["action"]
+    policy.prepare(batch[torch.tensor([1])])
+    alone = policy(TensorDict({}, [1]))["action"]
+    assert torch.equal(together[0], together[2])
+    assert torch.equal(together[1], alone[0])
+
+
+def test_refuses_worlds_that_it_has_not_seen():
+    with pytest.raises(RuntimeError, match="prepare"):
+        oracle()(TensorDict({}, [2]))
+
+
+@pytest.mark.parametrize(
+    "changes, named",
+    [
+        ({"robot": DifferentialDrive(model="wheeled")}, "robot.model=wheeled"),
+        ({"robot": DifferentialDrive(min_speed=0.1)}, "robot.min_speed=0.1"),
+        ({"speeds": [1.0]}, "speeds"),
+        ({"speeds": [2.0, 0.0]}, "speeds"),
+        ({"turns": []}, "turns"),
+        ({"turns": [0.4, 0.9]}, "turns"),
+        ({"efforts": []}, "efforts"),
+        ({"cell": 0.0}, "cell"),
+        ({"goal_radius": -1.0}, "goal_radius"),
+    ],
+)
+def test_bad_settings_are_named(changes, named):
+    with pytest.raises(ValueError, match=named):
+        Oracle(**{"robot": DifferentialDrive(), **changes})
+    with pytest.raises(ValueError, match="margin=-1"):
+        SearchEffort(-1, 1, 1)
