@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -11,7 +12,12 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import TransformedEnv
 
 import navrl
-from navrl.build.environment import make_env, make_navigation_env, make_pool
+from navrl.build.environment import (
+    make_env,
+    make_navigation_env,
+    make_pool,
+    make_training_env,
+)
 from navrl.build.provenance import recorded_commands
 from navrl.config import instantiate
 from navrl.evaluation import evaluate, rates
@@ -65,15 +71,16 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     Returns:
         A trainer, ready to run or to resume from the folder's checkpoint.
     """
-    env = make_env(
-        make_navigation_env(cfg, cfg.num_worlds, make_pool(cfg), cfg.seed),
-        instantiate(cfg.transforms),
-    )
-    shapes = observation_shapes(env)
+    make_worlds = partial(make_training_env, cfg)
+    shapes = observation_shapes(make_worlds(cfg.seed, 1))
     actor, critic = make_agent(cfg, shapes)
+    exploration = instantiate(cfg.exploration)
+    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=exploration)
     return Trainer(
-        env=env,
-        behaviour=instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration)),
+        collector=instantiate(
+            cfg.collector, make_env=make_worlds, behaviour=behaviour, seed=cfg.seed
+        ),
+        sigma=exploration.sigma,
         algorithm=instantiate(cfg.algorithm, actor=actor, critic=critic),
         replay=instantiate(cfg.replay, observation_keys=actor.in_keys),
         curriculum=instantiate(cfg.curriculum),
