@@ -5,8 +5,8 @@ import multiprocessing
 
 import pytest
 import torch
-from tensordict import TensorDict
 from runs import TINY, tiny_trainer
+from tensordict import TensorDict
 
 from navrl import build, keys
 from navrl.config import compose, describe
