@@ -22,6 +22,7 @@ WATCHED = [
     "collector.steps_per_batch=5",
     "curriculum.levels=[1,2]",
     "schedule.total_frames=240",
+    "schedule.evaluate_every_updates=5",
     "schedule.checkpoint_every_s=1000",
 ]
 needs_ray = pytest.mark.skipif(
