@@ -4,10 +4,10 @@ from navrl.training.behaviour import Behaviour
 from navrl.training.checkpoint import CheckpointStore
 from navrl.training.collectors import Collector, DirectCollector
 from navrl.training.curriculum import Curriculum
+from navrl.training.engines import DistributedCollector, ProcessCollector, RayCollector
 from navrl.training.metrics_log import MetricsLog
 from navrl.training.replay import Replay
 from navrl.training.trainer import Progress, Schedule, Trainer
-from navrl.training.workers import DistributedCollector, ProcessCollector, RayCollector
 
 __all__ = [
     "Behaviour",

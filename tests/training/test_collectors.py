@@ -76,7 +76,8 @@ class Watched:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=str)
-def test_workers_feed_the_learner_and_follow_it(kind, tmp_path):
+def test_workers_feed_the_learner_and_follow_it(kind, tmp_path, monkeypatch):
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # Ray's default, 15, starves on a busy machine
     watched = Watched(tmp_path, kind)
     progress = watched.trainer.run()
     assert progress.frames == 240
@@ -94,6 +95,23 @@ def test_workers_feed_the_learner_and_follow_it(kind, tmp_path):
         import ray
 
         assert not ray.is_initialized()
+
+
+def test_a_dead_worker_ends_the_run(tmp_path):
+    """Rather than letting it wait for ever; what the last checkpoint holds is safe."""
+    trainer = Watched(tmp_path, ["collector=process"]).trainer
+    collector, step = trainer.collector, trainer.collector.step
+
+    def murderous_step(frames, phases):
+        if frames == 120:
+            collector._workers.procs[1].kill()
+            collector._workers.procs[1].join()
+        return step(frames, phases)
+
+    collector.step = murderous_step
+    with pytest.raises(RuntimeError, match="a worker has died"):
+        trainer.run()
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.slow
