@@ -1,6 +1,5 @@
 """Sweeps on many cores and on clusters: the configs fit their plugins, and two of them run."""
 
-import importlib.util
 import re
 import shlex
 import subprocess
@@ -30,8 +29,8 @@ TINY = [
 
 
 def need(launcher):
-    if importlib.util.find_spec(f"hydra_plugins.hydra_{PLUGIN[launcher]}_launcher") is None:
-        pytest.skip(f"needs hydra-{PLUGIN[launcher]}-launcher: pip install 'navrl[launchers]'")
+    plugin = f"hydra_plugins.hydra_{PLUGIN[launcher]}_launcher"
+    pytest.importorskip(plugin, reason="needs the plugin: pip install 'navrl[launchers]'")
 
 
 def compose(overrides):

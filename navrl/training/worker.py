@@ -67,9 +67,15 @@ class CurriculumLevel(Transform):
         return tensordict
 
 
-def worker_seed(seed: int, worker: int) -> int:
-    """Return a seed of a worker's own, the same in every run with this ``seed``."""
-    return int(np.random.SeedSequence([seed, worker]).generate_state(1)[0]) >> 1
+def worker_seed(seed: int, worker: int, frames: int = 0) -> int:
+    """Return a seed of a worker's own, the same in every run with this ``seed``.
+
+    Args:
+        seed: Of the run.
+        worker: Number of the worker.
+        frames: At which it starts, so that a resumed run does not repeat its first episodes.
+    """
+    return int(np.random.SeedSequence([seed, worker, frames]).generate_state(1)[0]) >> 1
 
 
 @dataclass(frozen=True)
@@ -78,25 +84,22 @@ class WorkerEnv:
 
     Args:
         make_env: From a seed to an environment.
-        worker: Number of the worker.
-        seed: Of the run.
+        seed: Of the worker.
         num_threads: CPU threads of the worker.
         max_dynamic: Pedestrians that its first episodes have at most.
     """
 
     make_env: Callable[[int], TransformedEnv]
-    worker: int
     seed: int
     num_threads: int
     max_dynamic: int
 
     def __call__(self) -> TransformedEnv:
         """Set threads and random numbers of the process, then build the environment."""
-        seed = worker_seed(self.seed, self.worker)
         torch.set_num_threads(self.num_threads)
         torch.set_flush_denormal(True)
-        torch.manual_seed(seed)  # exploration draws from the global generator
-        env = self.make_env(seed)
+        torch.manual_seed(self.seed)  # exploration draws from the global generator
+        env = self.make_env(self.seed)
         env.base_env.max_dynamic = self.max_dynamic
         env.append_transform(CurriculumLevel())
         return env

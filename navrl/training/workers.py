@@ -15,7 +15,7 @@ from navrl import keys
 from navrl.training.behaviour import Behaviour
 from navrl.training.collectors import MakeEnv, Phases
 from navrl.training.replay import Compact
-from navrl.training.worker import WorkerEnv, WorkerPolicy
+from navrl.training.worker import WorkerEnv, WorkerPolicy, worker_seed
 
 
 class WorkersCollector(ABC):
@@ -26,12 +26,12 @@ class WorkersCollector(ABC):
     ``push_every_batches`` of its batches, which off-policy learning allows.
 
     A resumed run goes on with exactly the learner, replay and counters of the checkpoint; workers
-    start new episodes from their seeds.
+    start new episodes.
 
     Args:
         make_env: Builds a worker's environment from a seed; must pickle.
         behaviour: What acts; its actor is the one in training.
-        seed: Of the run; worker k's is a hash of it and k.
+        seed: Of the run; worker k's is a hash of it, k and the frames at its start.
         num_worlds: Worlds of each worker.
         num_workers: Processes.
         steps_per_batch: Steps of every world that a worker sends at once.
@@ -95,9 +95,9 @@ class WorkersCollector(ABC):
         """Start the processes with the learner's present weights."""
         self.max_dynamic = max_dynamic
         self.policy.refresh(frames, max_dynamic)
+        seeds = [worker_seed(self.seed, k, frames) for k in range(self.num_workers)]
         envs = [
-            WorkerEnv(self.make_env, k, self.seed, self.threads_per_worker, max_dynamic)
-            for k in range(self.num_workers)
+            WorkerEnv(self.make_env, seed, self.threads_per_worker, max_dynamic) for seed in seeds
         ]
         with _undisturbed():
             self._workers = self._launch(envs)

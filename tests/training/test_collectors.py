@@ -10,7 +10,7 @@ from tensordict import TensorDict
 
 from navrl import build, keys
 from navrl.config import compose, describe
-from navrl.training.worker import worker_seed
+from navrl.training.worker import WorkerEnv, worker_seed
 
 WATCHED = [
     "replay.storage=float32",
@@ -145,9 +145,7 @@ def test_a_run_with_workers_resumes_with_the_same_learner(tmp_path):
 def test_the_level_reaches_the_worlds(tmp_path):
     """Not only the transitions: the worker's environment draws by it."""
     trainer = Watched(tmp_path, ["collector=process"]).trainer
-    from navrl.training.worker import WorkerEnv
-
-    env = WorkerEnv(trainer.collector.make_env, 0, 0, 1, max_dynamic=1)()
+    env = WorkerEnv(trainer.collector.make_env, 0, 1, max_dynamic=1)()
     assert env.base_env.max_dynamic == 1
     trainer.collector.policy.refresh(0, max_dynamic=2)
     env.step(trainer.collector.policy(env.reset()))
@@ -158,6 +156,7 @@ def test_worker_seeds_differ_and_do_not_change():
     seeds = {worker_seed(seed, worker) for seed in range(10) for worker in range(100)}
     assert len(seeds) == 1000
     assert worker_seed(3, 1) == worker_seed(3, 1)
+    assert worker_seed(3, 1, 1000) != worker_seed(3, 1), "a resumed run repeats its episodes"
 
 
 @pytest.mark.parametrize(
