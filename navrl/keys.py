@@ -45,3 +45,7 @@ REWARD_TERMS = "reward_terms"  # nested {term: [*B, 1]}, weighted; they sum to t
 # --- privileged: the true state, never for a lidar policy ----------------------------------------
 PEDESTRIAN_BOXES = "pedestrian_boxes"  # [*B, K, 5] (cx, cy, hx, hy, yaw), world; NaN where absent
 PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; inf without people
+
+# --- only between workers and learner ------------------------------------------------------------
+WORKER = "worker"  # [*B, 1] int64, which worker's worlds these are
+MAX_DYNAMIC = "max_dynamic"  # [*B, 1] int64, curriculum level: pedestrians of episodes to come

@@ -1,5 +1,6 @@
 """Speeds and their bars: what ``navrl-benchmark`` measures, one file for each thing measured."""
 
+from navrl.benchmarks.collecting import frame_rates, worker_rows
 from navrl.benchmarks.growth import fit_exponents
 from navrl.benchmarks.latency import Robot, latency_rows, record_drive
 from navrl.benchmarks.learner import count_flops, random_transitions, update_rows
@@ -26,6 +27,7 @@ __all__ = [
     "count_flops",
     "describe_machine",
     "fit_exponents",
+    "frame_rates",
     "growth_series",
     "latency_rows",
     "memory_row",
@@ -38,5 +40,6 @@ __all__ = [
     "threads_series",
     "training_rows",
     "update_rows",
+    "worker_rows",
     "worlds_series",
 ]

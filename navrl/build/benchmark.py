@@ -21,9 +21,10 @@ from navrl.build.environment import (
     make_pool,
     num_threads,
 )
-from navrl.build.training import make_agent, make_trainer, observation_shapes
+from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
 from navrl.sim import Simulator
+from navrl.training import Collector, Replay
 from navrl.viz import plot_benchmark
 from navrl.worlds import ScenarioPool
 
@@ -148,6 +149,12 @@ def _training(cfg: DictConfig) -> Results:
         return benchmarks.training_rows(Path(folder) / "metrics.csv", num_threads(cfg))
 
 
+def _workers(cfg: DictConfig) -> Results:
+    cores = num_threads(cfg)
+    counts = [count for count in cfg.effort.sizes.workers if count <= cores]
+    return benchmarks.worker_rows(functools.partial(_source, cfg), counts, _budget(cfg))
+
+
 def _latency(cfg: DictConfig) -> Results:
     raw = make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed)
     drive = benchmarks.record_drive(raw, cfg.effort.scans)
@@ -168,6 +175,7 @@ ROWS: dict[str, Callable[[DictConfig], Results]] = {
     "memory": _memory,
     "update": _update,
     "training": _training,
+    "workers": _workers,
     "latency": _latency,
 }
 
@@ -207,6 +215,20 @@ def _maker(cfg: DictConfig, pool: ScenarioPool | None = None) -> Callable[[int],
 def _env(cfg: DictConfig, pool: ScenarioPool, num_worlds: int) -> TransformedEnv:
     env = make_navigation_env(cfg, num_worlds, pool, cfg.seed)
     return make_env(env, instantiate(cfg.transforms))
+
+
+def _source(cfg: DictConfig, num_workers: int) -> tuple[Collector, Replay]:
+    """Return what collects in ``num_workers`` processes, or in this one alone, and a replay."""
+    cfg = cfg.copy()
+    options = ["collector=process", f"collector.num_workers={num_workers}"]
+    cfg.collector = compose("train", options if num_workers else ["collector=direct"]).collector
+    cfg.behaviour.random_frames = 0
+    cfg.replay.capacity = 100_000
+    env = _maker(cfg)(1)
+    actor, _ = make_agent(cfg, observation_shapes(env))
+    env.close()
+    replay = instantiate(cfg.replay, observation_keys=actor.in_keys)
+    return make_collector(cfg, actor), replay
 
 
 def _learner(cfg: DictConfig, shapes: dict[str, list[int]], precision: str, device: str) -> DDPG:

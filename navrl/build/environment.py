@@ -104,6 +104,19 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
     return transformed
 
 
+def make_training_env(cfg: DictConfig, seed: int, num_worlds: int | None = None) -> TransformedEnv:
+    """Build an environment to train in; a worker calls this in its own process.
+
+    Args:
+        cfg: A composed ``conf/train.yaml``.
+        seed: Of the environment; scenarios and the pool they are drawn from follow ``cfg.seed``.
+        num_worlds: Batch size; ``cfg.num_worlds`` if ``None``.
+    """
+    count = cfg.num_worlds if num_worlds is None else num_worlds
+    env = make_navigation_env(cfg, count, make_pool(cfg), seed)
+    return make_env(env, instantiate(cfg.transforms))
+
+
 def make_gymnasium_env(overrides: Sequence[str] = (), **kwargs: object) -> GymnasiumNavigation:
     """Build the environment behind ``gymnasium.make("navrl/Navigation-v0")``.
 

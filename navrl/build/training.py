@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -11,12 +12,17 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import TransformedEnv
 
 import navrl
-from navrl.build.environment import make_env, make_navigation_env, make_pool
+from navrl.build.environment import (
+    make_env,
+    make_navigation_env,
+    make_pool,
+    make_training_env,
+)
 from navrl.build.provenance import recorded_commands
 from navrl.config import instantiate
 from navrl.evaluation import evaluate, rates
 from navrl.policies import save_bundle
-from navrl.training import Trainer
+from navrl.training import Collector, Trainer
 
 
 def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
@@ -55,6 +61,14 @@ def make_agent(
     return instantiate(node), instantiate(critic)
 
 
+def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
+    """Build what ``cfg.collector`` names; worker processes start with :meth:`Collector.start`."""
+    exploration = instantiate(cfg.exploration)
+    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=exploration)
+    make_worlds = partial(make_training_env, cfg)
+    return instantiate(cfg.collector, make_env=make_worlds, behaviour=behaviour, seed=cfg.seed)
+
+
 def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     """Wire everything that ``navrl-train`` runs.
 
@@ -65,15 +79,13 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     Returns:
         A trainer, ready to run or to resume from the folder's checkpoint.
     """
-    env = make_env(
-        make_navigation_env(cfg, cfg.num_worlds, make_pool(cfg), cfg.seed),
-        instantiate(cfg.transforms),
-    )
-    shapes = observation_shapes(env)
+    probe = make_training_env(cfg, cfg.seed, num_worlds=1)
+    shapes = observation_shapes(probe)
+    probe.close()
     actor, critic = make_agent(cfg, shapes)
     return Trainer(
-        env=env,
-        behaviour=instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration)),
+        collector=make_collector(cfg, actor),
+        sigma=instantiate(cfg.exploration).sigma,
         algorithm=instantiate(cfg.algorithm, actor=actor, critic=critic),
         replay=instantiate(cfg.replay, observation_keys=actor.in_keys),
         curriculum=instantiate(cfg.curriculum),

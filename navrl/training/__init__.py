@@ -2,7 +2,9 @@
 
 from navrl.training.behaviour import Behaviour
 from navrl.training.checkpoint import CheckpointStore
+from navrl.training.collectors import Collector, DirectCollector
 from navrl.training.curriculum import Curriculum
+from navrl.training.engines import DistributedCollector, ProcessCollector, RayCollector
 from navrl.training.metrics_log import MetricsLog
 from navrl.training.replay import Replay
 from navrl.training.trainer import Progress, Schedule, Trainer
@@ -10,9 +12,14 @@ from navrl.training.trainer import Progress, Schedule, Trainer
 __all__ = [
     "Behaviour",
     "CheckpointStore",
+    "Collector",
     "Curriculum",
+    "DirectCollector",
+    "DistributedCollector",
     "MetricsLog",
+    "ProcessCollector",
     "Progress",
+    "RayCollector",
     "Replay",
     "Schedule",
     "Trainer",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -15,6 +16,39 @@ from navrl.training.n_step import NStepReturn
 
 _DTYPES = {"float16": torch.float16, "float32": torch.float32}
 _OUTCOME = ("reward", "done", "terminated")
+
+
+class Compact:
+    """Keep of transitions what learning needs, so that they are small to store and to send.
+
+    Args:
+        observation_keys: Keys the networks read.
+        storage: ``"float16"`` or ``"float32"`` for the observation.
+
+    Raises:
+        ValueError: If ``storage`` is unknown.
+    """
+
+    def __init__(self, observation_keys: Sequence[str], storage: str = "float16") -> None:
+        if storage not in _DTYPES:
+            raise ValueError(f"storage={storage!r}: must be one of {sorted(_DTYPES)}")
+        self.observation_keys, self._dtype = list(observation_keys), _DTYPES[storage]
+
+    def __call__(self, transitions: TensorDictBase) -> TensorDict:
+        """Return new transitions of the same shape with observations, action and outcome only."""
+        following, shape = transitions.get("next"), transitions.batch_size
+        after = {**self._observation(following), **{k: following.get(k) for k in _OUTCOME}}
+        return TensorDict(
+            {
+                **self._observation(transitions),
+                keys.ACTION: transitions.get(keys.ACTION),
+                "next": TensorDict(after, shape),
+            },
+            shape,
+        )
+
+    def _observation(self, tensordict: TensorDictBase) -> dict[str, torch.Tensor]:
+        return {key: tensordict.get(key).to(self._dtype) for key in self.observation_keys}
 
 
 class Replay:
@@ -52,12 +86,10 @@ class Replay:
     ) -> None:
         if capacity <= 0 or batch_size <= 0:
             raise ValueError(f"capacity={capacity}, batch_size={batch_size}: must be > 0")
-        if storage not in _DTYPES:
-            raise ValueError(f"storage={storage!r}: must be one of {sorted(_DTYPES)}")
-        self.observation_keys = list(observation_keys)
         self.capacity, self.batch_size = capacity, batch_size
-        self._dtype = _DTYPES[storage]
-        self._n_step = NStepReturn(num_steps, gamma)
+        self._compact = Compact(observation_keys, storage)
+        self._n_step = partial(NStepReturn, num_steps, gamma)
+        self._streams: dict[int, NStepReturn] = {0: self._n_step()}
         self._buffer = ReplayBuffer(storage=LazyTensorStorage(capacity), batch_size=batch_size)
         self.written = 0
         self._journaled = 0
@@ -66,32 +98,28 @@ class Replay:
     def __len__(self) -> int:
         return len(self._buffer)
 
-    def extend(self, transitions: TensorDictBase) -> None:
-        """Add one step of ``[M]`` worlds as the environment returned it; other keys are dropped."""
-        rows = len(transitions)
-        following = transitions.get("next")
-        step = TensorDict(
-            {
-                **self._compact(transitions),
-                keys.ACTION: transitions.get(keys.ACTION),
-                "next": TensorDict(
-                    {**self._compact(following), **{k: following.get(k) for k in _OUTCOME}}, [rows]
-                ),
-            },
-            [rows],
-        )
-        complete = self._n_step(step)
+    def extend(self, transitions: TensorDictBase, stream: int = 0) -> None:
+        """Add one step of ``[M]`` worlds as the environment returned it; other keys are dropped.
+
+        Args:
+            transitions: Row i is the same world in all steps of a stream.
+            stream: Which worlds these are; matters to n-step returns only.
+        """
+        if stream not in self._streams:
+            self._streams[stream] = self._n_step()
+        complete = self._streams[stream](self._compact(transitions))
         if complete is not None:
             self._buffer.extend(complete)
-            self.written += rows
+            self.written += len(complete)
 
     def sample(self) -> TensorDictBase:
         """Draw ``[batch_size]`` transitions uniformly, observations in float32."""
         batch = self._buffer.sample()
         return batch.apply(lambda value: value.float() if value.is_floating_point() else value)
 
-    def _compact(self, tensordict: TensorDictBase) -> dict[str, torch.Tensor]:
-        return {key: tensordict.get(key).to(self._dtype) for key in self.observation_keys}
+    def forget_held_back(self) -> None:
+        """Drop steps that wait for later ones of their episode, since none will come."""
+        self._streams = {}
 
     # --- journal ---------------------------------------------------------------------------------
 
@@ -120,7 +148,7 @@ class Replay:
         return {
             "written": self.written,
             "chunks": [list(chunk) for chunk in self._chunks],
-            "held_back": self._n_step.state_dict(),
+            "streams": {stream: fold.state_dict() for stream, fold in self._streams.items()},
         }
 
     def prune(self, folder: Path) -> None:
@@ -137,7 +165,9 @@ class Replay:
             FileNotFoundError: If a chunk is missing.
         """
         self.written = self._journaled = int(state["written"])
-        self._n_step.load_state_dict(state["held_back"])
+        for stream, steps in state.get("streams", {}).items():
+            self._streams[stream] = self._n_step()
+            self._streams[stream].load_state_dict(steps)
         self._chunks = [tuple(chunk) for chunk in state["chunks"]]
         storage = self._buffer.storage
         for start, end in self._chunks:

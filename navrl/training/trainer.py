@@ -5,13 +5,10 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
-from tensordict import TensorDict, TensorDictBase
-from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from tqdm import tqdm
 
@@ -19,8 +16,8 @@ from navrl import keys
 from navrl.algos import DDPG, NonFiniteUpdateError
 from navrl.envs import Outcome
 from navrl.progress_bar import progress_bar
-from navrl.training.behaviour import Behaviour
 from navrl.training.checkpoint import CheckpointStore
+from navrl.training.collectors import Collector, Phases
 from navrl.training.curriculum import Curriculum
 from navrl.training.metrics_log import MetricsLog
 from navrl.training.replay import Replay
@@ -77,17 +74,20 @@ class _Window:
     terms: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     outcomes: Counter = field(default_factory=Counter)
     learning: dict[str, torch.Tensor] = field(default_factory=dict)
-    phases: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    phases: Phases = field(default_factory=Phases)
     frames: int = 0
     updates: int = 0
 
 
 class Trainer:
-    """Train a policy until the schedule ends; killed at any moment, it resumes bit for bit.
+    """Train a policy until the schedule ends; killed at any moment, it resumes.
+
+    With :class:`navrl.training.DirectCollector` the resumed run is the same bit for bit. With
+    workers the learner, its replay and its counters are, while workers start new episodes.
 
     Args:
-        env: Batched environment with its transforms.
-        behaviour: What acts while collecting.
+        collector: Where experience comes from.
+        sigma: Scale of the exploration noise after a number of frames, for the log.
         algorithm: What learns.
         replay: Where experience is kept.
         curriculum: Number of pedestrians.
@@ -104,8 +104,8 @@ class Trainer:
 
     def __init__(
         self,
-        env: TransformedEnv,
-        behaviour: Behaviour,
+        collector: Collector,
+        sigma: Callable[[int], float],
         algorithm: DDPG,
         replay: Replay,
         curriculum: Curriculum,
@@ -115,12 +115,12 @@ class Trainer:
         folder: Path,
         progress_bar: bool = True,
     ) -> None:
-        self.env, self.behaviour, self.algorithm, self.replay = env, behaviour, algorithm, replay
+        self.collector, self.sigma = collector, sigma
+        self.algorithm, self.replay = algorithm, replay
         self.curriculum, self.evaluate, self.on_best = curriculum, evaluate, on_best
         self.schedule, self.folder, self.progress_bar = schedule, Path(folder), progress_bar
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
-        self._carrier: TensorDictBase | None = None
         self._window = _Window()
 
     def run(self) -> Progress:
@@ -143,20 +143,18 @@ class Trainer:
             with set_exploration_type(ExplorationType.RANDOM):
                 self._loop(log, bar)
         finally:
+            self.collector.close()
             bar.close()
             log.close()
         return self.progress
 
     def _loop(self, log: MetricsLog, bar: tqdm) -> None:
         schedule, progress = self.schedule, self.progress
-        self.env.base_env.max_dynamic = self.curriculum.max_dynamic
-        if self._carrier is None:
-            self._carrier = self.env.reset()
+        self.collector.start(progress.frames, self.curriculum.max_dynamic)
         last_checkpoint = started = time.monotonic()
         seconds_before = progress.seconds
         while progress.frames < schedule.total_frames:
-            self._collect()
-            bar.update(self.env.batch_size.numel())
+            bar.update(self._collect())
             before = progress.updates
             while progress.updates < self._updates_due():
                 self._update()
@@ -179,16 +177,12 @@ class Trainer:
 
     # --- one iteration ---------------------------------------------------------------------------
 
-    def _collect(self) -> None:
-        """Step every world once and store what happened."""
+    def _collect(self) -> int:
+        """Store what one step of some worlds gave; return the number of transitions."""
         window = self._window
-        with torch.no_grad():
-            with self._phase("act"):
-                self.behaviour.act(self._carrier, self.progress.frames)
-            with self._phase("environment"):
-                stepped, self._carrier = self.env.step_and_maybe_reset(self._carrier)
-            with self._phase("replay_write"):
-                self.replay.extend(stepped)
+        stream, stepped = self.collector.step(self.progress.frames, window.phases)
+        with window.phases("replay_write"):
+            self.replay.extend(stepped, stream)
         following = stepped["next"]
         for name, term in following[keys.REWARD_TERMS].items():
             window.terms[name] += float(term.sum())
@@ -198,12 +192,13 @@ class Trainer:
         window.frames += frames
         self.progress.frames += frames
         self.progress.episodes += len(ended)
+        return frames
 
     def _update(self) -> None:
-        with self._phase("replay_sample"):
+        with self._window.phases("replay_sample"):
             batch = self.replay.sample()
         self.algorithm.anneal(self.progress.frames / self.schedule.total_frames)
-        with self._phase("update"):
+        with self._window.phases("update"):
             try:
                 scalars = self.algorithm.update(batch)
             except NonFiniteUpdateError as error:
@@ -217,17 +212,11 @@ class Trainer:
         self._window.updates += 1
         self.progress.updates += 1
 
-    @contextmanager
-    def _phase(self, name: str):
-        start = time.perf_counter()
-        yield
-        self._window.phases[name] += time.perf_counter() - start
-
     # --- reports ---------------------------------------------------------------------------------
 
     def _report(self, log: MetricsLog, bar: tqdm) -> None:
         window, self._window = self._window, _Window()
-        seconds = sum(window.phases.values())
+        seconds = sum(window.phases.seconds.values())
         ended = max(sum(window.outcomes.values()), 1)
         rates = {
             f"train/{outcome.name.lower()}_rate": window.outcomes[outcome] / ended
@@ -242,10 +231,10 @@ class Trainer:
                 **{f"reward/{k}": v / frames for k, v in window.terms.items()},
                 **rates,
                 **{f"learn/{k}": float(v) / window.updates for k, v in window.learning.items()},
-                **{f"seconds/{k}": v / window.updates for k, v in window.phases.items()},
+                **{f"seconds/{k}": v / window.updates for k, v in window.phases.seconds.items()},
                 "train/episodes": self.progress.episodes,
                 "train/max_dynamic": self.curriculum.max_dynamic,
-                "train/sigma": self.behaviour.exploration.sigma(self.progress.frames),
+                "train/sigma": self.sigma(self.progress.frames),
                 "speed/frames_per_s": window.frames / seconds,
                 "speed/updates_per_s": window.updates / seconds,
             },
@@ -272,7 +261,7 @@ class Trainer:
             done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
             self.on_best({**metrics, **done})
         if self.curriculum.report(rate):
-            self.env.base_env.max_dynamic = self.curriculum.max_dynamic
+            self.collector.set_max_dynamic(self.curriculum.max_dynamic)
 
     # --- checkpoints -----------------------------------------------------------------------------
 
@@ -283,8 +272,7 @@ class Trainer:
                 "curriculum_level": self.curriculum.level,
                 "algorithm": self.algorithm.state_dict(),
                 "replay": self.replay.save(self.checkpoints.journal),
-                "environment": self.env.base_env.episode_state(),
-                "carrier": self._carrier.to_dict(),
+                **self.collector.state_dict(),
                 "rng": torch.get_rng_state(),
             }
         )
@@ -296,9 +284,9 @@ class Trainer:
         self.curriculum.level = state["curriculum_level"]
         self.algorithm.load_state_dict(state["algorithm"])
         self.replay.load(self.checkpoints.journal, state["replay"])
-        self.env.reset()
-        self.env.base_env.load_episode_state(state["environment"])
-        self._carrier = TensorDict(state["carrier"], self.env.batch_size)
+        self.collector.load_state_dict(state)
+        if not self.collector.resumes_episodes:
+            self.replay.forget_held_back()
         torch.set_rng_state(state["rng"])
 
 

@@ -8,35 +8,7 @@ import time
 
 import pytest
 import torch
-
-from navrl import build
-from navrl.config import compose
-
-TINY = [
-    "num_worlds=4",
-    "num_threads=1",
-    "pool_size=4",
-    "scenario=corridor",
-    "network=small",
-    "replay.batch_size=8",
-    "replay.capacity=300",
-    "behaviour.random_frames=20",
-    "validation.num_episodes=4",
-    "environment.time_limit_steps=12",
-    "schedule.total_frames=480",
-    "schedule.learning_starts=40",
-    "schedule.frames_per_update=8",
-    "schedule.evaluate_every_updates=20",
-    "schedule.log_every_updates=10",
-    "schedule.checkpoint_every_s=0.001",
-    "progress_bar=false",
-]
-
-
-def tiny_trainer(folder):
-    cfg = compose("train", TINY)
-    build.set_threads(cfg)
-    return build.make_trainer(cfg, folder)
+from runs import tiny_trainer
 
 
 class KilledError(Exception):
@@ -98,7 +70,7 @@ def test_kill_minus_nine_loses_at_most_an_interval(tmp_path):
     folder = tmp_path / "run"
     script = (
         "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])\n"
-        "from test_resume import tiny_trainer\n"
+        "from runs import tiny_trainer\n"
         "if __name__ == '__main__': tiny_trainer(Path(sys.argv[1])).run()"
     )
     command = [sys.executable, "-c", script, str(folder), os.path.dirname(__file__)]

@@ -1,0 +1,145 @@
+"""What a worker process is made of: its worlds, its copy of the policy, the batches it sends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.collectors import Collector as TorchRLCollector
+from torchrl.envs import Transform, TransformedEnv
+
+from navrl import keys
+from navrl.training.behaviour import Behaviour
+from navrl.training.replay import Compact
+
+
+class WorkerPolicy(TensorDictModuleBase):
+    """A behaviour that travels as one set of weights.
+
+    The count of frames, which drives the exploration's schedule, and the curriculum's level are
+    buffers beside the actor's weights. So any way of copying weights to workers copies them too.
+
+    Args:
+        behaviour: What acts; copied, so that the learner's actor stays its own.
+    """
+
+    def __init__(self, behaviour: Behaviour) -> None:
+        super().__init__()
+        self._source = [behaviour.actor]  # in a list: no submodule, and not sent along
+        self.behaviour = deepcopy(behaviour)
+        self.actor = self.behaviour.actor.requires_grad_(False)
+        self.in_keys, self.out_keys = list(self.actor.in_keys), [keys.ACTION, keys.MAX_DYNAMIC]
+        self.register_buffer("frames", torch.zeros((), dtype=torch.int64))
+        self.register_buffer("max_dynamic", torch.zeros((), dtype=torch.int64))
+
+    def __getstate__(self) -> dict:
+        """Leave the learner's actor at home."""
+        return {**self.__dict__, "_source": []}
+
+    @torch.no_grad()
+    def refresh(self, frames: int, max_dynamic: int) -> TensorDictBase:
+        """Copy the learner's weights and counters; return all that workers need."""
+        fresh = TensorDict.from_module(self._source[0]).data
+        TensorDict.from_module(self.actor).data.update_(fresh)
+        self.frames.fill_(frames)
+        self.max_dynamic.fill_(max_dynamic)
+        return TensorDict.from_module(self).data
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the action, and the level for the environment to take."""
+        level = self.max_dynamic.expand(*tensordict.batch_size, 1)
+        tensordict.set(keys.MAX_DYNAMIC, level.clone())
+        return self.behaviour.act(tensordict, int(self.frames))
+
+
+class CurriculumLevel(Transform):
+    """Let the environment follow the level that the policy writes beside its action."""
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        level = tensordict.get(keys.MAX_DYNAMIC, None)
+        if level is not None:
+            self.parent.base_env.max_dynamic = int(level.reshape(-1)[0])
+        return tensordict
+
+
+def worker_seed(seed: int, worker: int, frames: int = 0) -> int:
+    """Return a seed of a worker's own, the same in every run with this ``seed``.
+
+    Args:
+        seed: Of the run.
+        worker: Number of the worker.
+        frames: At which it starts, so that a resumed run does not repeat its first episodes.
+    """
+    return int(np.random.SeedSequence([seed, worker, frames]).generate_state(1)[0]) >> 1
+
+
+@dataclass(frozen=True)
+class WorkerEnv:
+    """Builds a worker's environment in the worker's process, which it prepares first.
+
+    Args:
+        make_env: From a seed to an environment.
+        seed: Of the worker.
+        num_threads: CPU threads of the worker.
+        max_dynamic: Pedestrians that its first episodes have at most.
+    """
+
+    make_env: Callable[[int], TransformedEnv]
+    seed: int
+    num_threads: int
+    max_dynamic: int
+
+    def __call__(self) -> TransformedEnv:
+        """Set threads and random numbers of the process, then build the environment."""
+        torch.set_num_threads(self.num_threads)
+        torch.set_flush_denormal(True)
+        torch.manual_seed(self.seed)  # exploration draws from the global generator
+        env = self.make_env(self.seed)
+        env.base_env.max_dynamic = self.max_dynamic
+        env.append_transform(CurriculumLevel())
+        return env
+
+
+@dataclass(frozen=True)
+class WorkerBatch:
+    """Keep of a batch what the learner needs, in the form it is sent.
+
+    Args:
+        compact: Keeps what learning needs.
+        worker: Number of the worker, written into every transition.
+    """
+
+    compact: Compact
+    worker: int
+
+    def __call__(self, batch: TensorDictBase) -> TensorDict:
+        """Return ``[N, T]`` small transitions with their outcome, level and worker."""
+        small = self.compact(batch)
+        for key in (keys.OUTCOME, keys.REWARD_TERMS):
+            small["next", key] = batch["next", key]
+        small[keys.MAX_DYNAMIC] = batch[keys.MAX_DYNAMIC]
+        small[keys.WORKER] = torch.full((*batch.batch_size, 1), self.worker)
+        if "collector" in batch:  # TorchRL's bookkeeping
+            small["collector"] = batch["collector"]
+        return small
+
+
+class WorkerCollector:
+    """Stands for TorchRL's collector class where that takes no hook to make batches small.
+
+    Args:
+        compact: Keeps what learning needs.
+    """
+
+    def __init__(self, compact: Compact) -> None:
+        self.compact = compact
+
+    def __call__(self, *args: object, worker_idx: int, **kwargs: object) -> TorchRLCollector:
+        """Build the collector of one worker process."""
+        kwargs["postproc"] = WorkerBatch(self.compact, worker_idx)
+        return TorchRLCollector(*args, worker_idx=worker_idx, **kwargs)

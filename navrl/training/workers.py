@@ -1,0 +1,168 @@
+"""Collecting in worker processes, whatever engine runs them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.collectors import BaseCollector
+
+from navrl import keys
+from navrl.training.behaviour import Behaviour
+from navrl.training.collectors import MakeEnv, Phases
+from navrl.training.replay import Compact
+from navrl.training.worker import WorkerEnv, WorkerPolicy, worker_seed
+
+
+class WorkersCollector(ABC):
+    """Collect in worker processes, each with its own worlds and its own copy of the policy.
+
+    Subclasses choose the TorchRL collector that runs the workers. What a worker sends is reduced to
+    what learning needs first. A worker's policy is older than the learner's by up to
+    ``push_every_batches`` of its batches, which off-policy learning allows.
+
+    A resumed run goes on with exactly the learner, replay and counters of the checkpoint; workers
+    start new episodes.
+
+    Args:
+        make_env: Builds a worker's environment from a seed; must pickle.
+        behaviour: What acts; its actor is the one in training.
+        seed: Of the run; worker k's is a hash of it, k and the frames at its start.
+        num_worlds: Worlds of each worker.
+        num_workers: Processes.
+        steps_per_batch: Steps of every world that a worker sends at once.
+        push_every_batches: Batches of a worker between two copies of the weights to it.
+        sync: Whether workers wait for each other and for the learner: repeatable, but slower.
+        threads_per_worker: CPU threads of each worker.
+        storage: ``"float16"`` or ``"float32"`` for observations on their way.
+
+    Raises:
+        ValueError: If a count is not positive or ``storage`` is unknown.
+    """
+
+    resumes_episodes = False
+
+    def __init__(
+        self,
+        make_env: MakeEnv,
+        behaviour: Behaviour,
+        seed: int,
+        num_worlds: int,
+        num_workers: int = 2,
+        steps_per_batch: int = 8,
+        push_every_batches: int = 1,
+        sync: bool = False,
+        threads_per_worker: int = 1,
+        storage: str = "float16",
+    ) -> None:
+        counts = {
+            "num_worlds": num_worlds,
+            "num_workers": num_workers,
+            "steps_per_batch": steps_per_batch,
+            "push_every_batches": push_every_batches,
+            "threads_per_worker": threads_per_worker,
+        }
+        for name, value in counts.items():
+            if value < 1:
+                raise ValueError(f"{name}={value}: must be >= 1")
+        self.make_env, self.seed = make_env, seed
+        self.num_worlds, self.num_workers = num_worlds, num_workers
+        self.steps_per_batch, self.push_every_batches = steps_per_batch, push_every_batches
+        self.sync, self.threads_per_worker = sync, threads_per_worker
+        self.compact = Compact(behaviour.actor.in_keys, storage)
+        self.policy = WorkerPolicy(behaviour)
+        self.max_dynamic = 0
+        self._workers: BaseCollector | None = None
+        self._batches: Iterator[TensorDictBase] | None = None
+        self._steps: deque[tuple[int, TensorDictBase]] = deque()
+        self._received: Counter[int] = Counter()
+        self._due: set[int] = set()  # workers whose weights are to be renewed
+
+    @abstractmethod
+    def _launch(self, envs: list[WorkerEnv]) -> BaseCollector:
+        """Start the workers, each with one of ``envs`` and a copy of ``self.policy``."""
+
+    @property
+    def frames_per_batch(self) -> int:
+        """Frames that TorchRL's collector gives at once: of one worker, or of all if ``sync``."""
+        return self.num_worlds * self.steps_per_batch * (self.num_workers if self.sync else 1)
+
+    def start(self, frames: int, max_dynamic: int) -> None:
+        """Start the processes with the learner's present weights."""
+        self.max_dynamic = max_dynamic
+        self.policy.refresh(frames, max_dynamic)
+        seeds = [worker_seed(self.seed, k, frames) for k in range(self.num_workers)]
+        envs = [
+            WorkerEnv(self.make_env, seed, self.threads_per_worker, max_dynamic) for seed in seeds
+        ]
+        with _undisturbed():
+            self._workers = self._launch(envs)
+        self._push(frames, None)
+        self._batches = iter(self._workers)
+
+    def set_max_dynamic(self, max_dynamic: int) -> None:
+        """Let the level reach each worker with the next weights."""
+        self.max_dynamic = max_dynamic
+
+    def step(self, frames: int, phases: Phases) -> tuple[int, TensorDictBase]:
+        """Return the next step of some worker, waiting for it if there is none at hand."""
+        while not self._steps:
+            if self._due:
+                with phases("push"):
+                    self._push(frames, None if self.sync else sorted(self._due))
+                self._due.clear()
+            with phases("wait"):
+                self._take(self._next())
+        return self._steps.popleft()
+
+    def _next(self) -> TensorDictBase:
+        try:
+            return next(self._batches)
+        except Exception as error:  # each engine has its own
+            raise RuntimeError(
+                "a worker has died or failed; resume=<run folder> goes on from the last checkpoint"
+            ) from error
+
+    def _take(self, batch: TensorDictBase) -> None:
+        """Cut ``[N, T]`` of one worker or ``[W, N, T]`` of all into steps."""
+        for part in batch.unbind(0) if batch.ndim == 3 else (batch,):
+            worker = int(part[keys.WORKER].flatten()[0])
+            self._steps.extend((worker, step) for step in part.unbind(1))
+            self._received[worker] += 1
+            if self._received[worker] % self.push_every_batches == 0:
+                self._due.add(worker)
+
+    def _push(self, frames: int, workers: list[int] | None) -> None:
+        """Send the newest weights to some workers, or to all."""
+        weights = self.policy.refresh(frames, self.max_dynamic)
+        self._workers.update_policy_weights_(weights, worker_ids=workers)
+
+    def state_dict(self) -> dict:
+        """Return nothing: episodes under way are the workers' own."""
+        return {}
+
+    def load_state_dict(self, state: Mapping) -> None:
+        """Restore nothing; see :meth:`state_dict`."""
+        return None
+
+    def close(self) -> None:
+        """End the workers."""
+        workers, self._workers, self._batches = self._workers, None, None
+        if workers is not None:
+            with _undisturbed():
+                workers.shutdown()
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Keep the learner's threads and random numbers, which TorchRL's collectors change."""
+    threads = torch.get_num_threads()
+    try:
+        with torch.random.fork_rng(devices=[]):
+            yield
+    finally:
+        torch.set_num_threads(threads)
