@@ -95,7 +95,7 @@ class StreamEncoder(nn.Module):
         self.out_features = sum(stream.out_features for stream in built.values())
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """Return the joined feature ``[*B, out_features]``, then the weights of streams that attend."""
+        """Return the joined feature ``[*B, out_features]``, then weights of those that attend."""
         by_key = dict(zip(self.in_keys, inputs, strict=True))
         results = [s(*(by_key[key] for key in s.in_keys)) for s in self.streams.values()]
         weights = [w for result in results for w in result[1:]]
