@@ -87,6 +87,13 @@ def test_subgoals_never_end_beyond_a_return():
     assert gap[is_limited].amin(-1).max() <= transform.radius + 1e-4  # and no shorter than it must
 
 
+def test_the_robot_slows_down_and_stops_before_what_it_sees():
+    data = TensorDict({"action": torch.tensor([1.0, 0.0]), "returns": torch.tensor([True])})
+    for gap, speed in ((0.4, 0.4), (0.05, 0.05), (0.0, 0.0), (-0.1, 0.0), (3.0, 1.0)):
+        data["points"] = torch.tensor([[0.178 + gap, 0.0]])
+        assert SubgoalAction().inv(data)["action"].tolist() == pytest.approx([speed, 0.0])
+
+
 def test_what_was_asked_is_limited_to_its_bounds():
     points, returns = torch.zeros(1, 1, 2), torch.zeros(1, 1, dtype=torch.bool)
     asked = torch.tensor([[5.0, -3.0], [-1.0, 3.0]])
@@ -102,6 +109,7 @@ def test_in_workers_as_outside(kind):
     env, single = kind(2, partial(make_scaled_env, 3), **fast), make_scaled_env(3)
     env.set_seed(1)
     root = env.reset().set("action", actions(2, 3))
+    root[keys.POINTS] = 0.2 * root[keys.POINTS]  # the caller's scan counts, not the worker's last
     following = env.step(root.clone())["next"]
     for worker in range(2):
         single.reset()
