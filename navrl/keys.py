@@ -23,6 +23,7 @@ ICP_INLIERS = "icp_inliers"  # [*B, 1] int64, matched pairs of the last iteratio
 TAGD = "tagd"  # [*B, N_c, 4] m, (c_{t-1}, c_t), robot frame at t
 TAGD_VALID = "tagd_valid"  # [*B, N_c, 2] bool, whether the group at t-1 / t has points
 WAYPOINTS = "waypoints"  # [*B, N_f, 2] m, robot frame
+GOAL = "goal_position"  # [*B, 2] m, end of the path, robot frame
 PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projection on the path
 
 # --- what the networks read (scaled to about [-1, 1]) --------------------------------------------
@@ -30,9 +31,13 @@ SPATIAL_INPUT = "spatial"  # [*B, N, 2]
 SPATIAL_PREVIOUS_INPUT = "spatial_previous"  # [*B, N, 2], only for the NO-TAGD ablation
 TEMPORAL_INPUT = "temporal"  # [*B, N_c, 4]
 WAYPOINT_INPUT = "waypoint"  # [*B, N_f, 2]
+DISTANCE_INPUT = "distance"  # [*B, N] pooled ranges, what the baselines see of a scan
+GOAL_INPUT = "goal"  # [*B, 2]
 
 # --- what the agent writes -----------------------------------------------------------------------
-ACTION = "action"  # [*B, 2] (v, w); m/s and rad/s in the environment, [-1, 1] at the policy
+# (v, w), m/s and rad/s, in the environment; [-1, 1] at the policy, where it is what the transforms
+# take it for: (v, w) too, or a subgoal
+ACTION = "action"  # [*B, 2]
 STATE_ACTION_VALUE = "state_action_value"  # [*B, 1]
 SPATIAL_ATTENTION = "spatial_attention"  # [*B, N_b] softmax weights over sectors, sum 1
 TEMPORAL_ATTENTION = "temporal_attention"  # [*B, N_c] softmax weights over descriptors, sum 1

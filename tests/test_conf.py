@@ -14,6 +14,16 @@ FILES = sorted(CONF_DIR.rglob("*.yaml"))
 EXPERIMENTS = sorted(path.stem for path in (CONF_DIR / "experiment").glob("*.yaml"))
 
 
+EVALUATION = [
+    "suite=smoke",
+    "suite.num_episodes=4",
+    "num_worlds=4",
+    "num_threads=1",
+    "environment.time_limit_steps=10",
+    "progress_bar=false",
+]
+
+
 def nodes(value):
     if isinstance(value, dict):
         if "_target_" in value:
@@ -68,7 +78,10 @@ def test_every_experiment_trains(name, tmp_path):
     progress = build.make_trainer(compose("train", overrides), tmp_path).run()
     assert progress.frames == 40
     assert progress.updates >= 4
-    assert (tmp_path / "policy" / "weights.safetensors").is_file()
+    summary = build.run_evaluation(
+        compose("evaluate", [f"policy={tmp_path}", *EVALUATION]), tmp_path
+    )
+    assert (summary["episodes"], summary["errors"]) == (4, 0)
 
 
 def test_ablations_differ_from_the_paper_only_where_they_say():

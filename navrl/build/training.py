@@ -39,6 +39,7 @@ def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
     """Return the plain config that rebuilds the actor anywhere: sizes included, no references."""
     network = OmegaConf.to_container(cfg.network, resolve=True)
     network.pop("attention", None)  # sizes that the streams refer to
+    network.pop("critic", None)  # what only the critic has
     make = instantiate(cfg.network.encoder)
     needed = make(shapes=shapes).in_keys
     return {
@@ -55,7 +56,8 @@ def make_agent(
     """Build actor and critic for observations of the given shapes; seeds their weights."""
     torch.manual_seed(cfg.seed)
     node = actor_node(cfg, shapes)
-    critic = {**node, "_target_": "navrl.networks.make_critic"}
+    own = OmegaConf.to_container(cfg.network.get("critic") or OmegaConf.create(), resolve=True)
+    critic = {**node, **own, "_target_": "navrl.networks.make_critic"}
     critic.pop("saturation_penalty", None)  # only the actor ends in a tanh
     torch.manual_seed(cfg.seed)
     return instantiate(node), instantiate(critic)

@@ -176,7 +176,7 @@ class EpisodeRecorder:
             self._append(before, _OBSERVED)
         self._append(after, _OBSERVED)
         self._append(before, [name for name in _DECIDED if name != keys.ACTION])
-        command = self._env.transform.inv(stepped.select(keys.ACTION))[keys.ACTION]
+        command = self._env.transform.inv(stepped.exclude("next"))[keys.ACTION]
         self._series[keys.ACTION].append(_copy(command[self._row]))
         for name, term in after[keys.REWARD_TERMS].items():
             self._series[_TERM + name].append(_copy(term.squeeze(-1)))

@@ -1,16 +1,19 @@
-"""Networks: attention blocks, streams, actor and critic."""
+"""Networks: attention blocks, convolutions, streams, actor and critic."""
 
 from navrl.networks.actor_critic import ActorNetwork, CriticNetwork, make_actor, make_critic
 from navrl.networks.attention import LocationAttention
 from navrl.networks.encoder import AttentionStream, StreamEncoder
 from navrl.networks.mlp import mlp
+from navrl.networks.streams import ConvStream, VectorStream
 
 __all__ = [
     "ActorNetwork",
     "AttentionStream",
+    "ConvStream",
     "CriticNetwork",
     "LocationAttention",
     "StreamEncoder",
+    "VectorStream",
     "make_actor",
     "make_critic",
     "mlp",

@@ -66,23 +66,42 @@ class CriticNetwork(nn.Module):
         encoder: Built encoder, sharing nothing with the actor's.
         action_size: Number of action dimensions.
         hidden: Hidden layer sizes of the output module.
+        observation_hidden: Layers that the encoder's features pass before the action joins them,
+            ReLU after each; none by default.
+        action_hidden: Layers that the action passes before, in the same way.
 
     Reference:
         Paper Sec. IV-E, output module 128x64x64x1. The paper does not say where the action enters;
-        it joins the features after attention, as in the authors' precursor.
+        it joins the features after attention, as in the authors' precursor. Layers before that are
+        those of Perez-D'Arpino et al. (2021).
     """
 
     def __init__(
-        self, encoder: nn.Module, action_size: int = 2, hidden: Sequence[int] = (128, 64, 64)
+        self,
+        encoder: nn.Module,
+        action_size: int = 2,
+        hidden: Sequence[int] = (128, 64, 64),
+        observation_hidden: Sequence[int] = (),
+        action_hidden: Sequence[int] = (),
     ) -> None:
         super().__init__()
         self.encoder = encoder
-        self.output = mlp(encoder.out_features + action_size, [*hidden, 1])
+        self.observation, observation_size = _layers(encoder.out_features, observation_hidden)
+        self.action, action_size = _layers(action_size, action_hidden)
+        self.output = mlp(observation_size + action_size, [*hidden, 1])
 
     def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
         """Return the value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
-        feature = self.encoder(*inputs)[0].float()
+        feature = in_float32(self.observation, self.encoder(*inputs)[0])
+        action = in_float32(self.action, action)
         return in_float32(self.output, torch.cat([feature, action], dim=-1))
+
+
+def _layers(in_features: int, sizes: Sequence[int]) -> tuple[nn.Module, int]:
+    """Return a perceptron that ends in a ReLU, or nothing at all, and the size of what it gives."""
+    if not sizes:
+        return nn.Identity(), in_features
+    return mlp(in_features, sizes, activate_last=True), sizes[-1]
 
 
 def in_float32(module: nn.Module, value: Tensor) -> Tensor:
@@ -127,13 +146,19 @@ def make_critic(
     shapes: Shapes,
     action_size: int = 2,
     hidden: Sequence[int] = (128, 64, 64),
+    observation_hidden: Sequence[int] = (),
+    action_hidden: Sequence[int] = (),
 ) -> TensorDictModule:
     """Build the critic as a TensorDict module; arguments as in :func:`make_actor`.
+
+    The last two are those of :class:`CriticNetwork`.
 
     Returns:
         A module that reads ``action`` and the encoder's keys and writes ``state_action_value``.
     """
-    network = CriticNetwork(encoder(shapes=shapes), action_size, hidden)
+    network = CriticNetwork(
+        encoder(shapes=shapes), action_size, hidden, observation_hidden, action_hidden
+    )
     return TensorDictModule(
         network,
         in_keys=[keys.ACTION, *network.encoder.in_keys],

@@ -35,6 +35,8 @@ class AttentionStream(nn.Module):
         sectors here have N/N_b rays.
     """
 
+    has_attention = True
+
     def __init__(
         self,
         in_key: str,
@@ -46,7 +48,7 @@ class AttentionStream(nn.Module):
         feature: Sequence[int] = (80, 50, 30),
     ) -> None:
         super().__init__()
-        size, context_size = (_size(shapes, key) for key in (in_key, context_key))
+        size, context_size = (feature_size(shapes, key) for key in (in_key, context_key))
         if num_items <= 0 or shapes[in_key][0] % num_items:
             raise ValueError(
                 f"num_items={num_items}: must divide the {shapes[in_key][0]} elements of '{in_key}'"
@@ -67,6 +69,9 @@ class AttentionStream(nn.Module):
 class StreamEncoder(nn.Module):
     """Join the features of several streams.
 
+    A stream is a module with ``in_keys``, ``out_features`` and ``has_attention``; called with the
+    values of its keys it returns a tuple of its feature and, if it attends, its weights.
+
     Args:
         streams: A stream per name, in order; ``None`` removes one (an ablation in one line).
             Each is a constructor that still takes ``shapes``.
@@ -86,18 +91,23 @@ class StreamEncoder(nn.Module):
             raise ValueError("streams: at least one stream must be left, got none")
         self.streams = nn.ModuleDict(built)
         self.in_keys = list(dict.fromkeys(k for s in built.values() for k in s.in_keys))
-        self.attention_keys = [f"{name}_attention" for name in built]
+        self.attention_keys = [f"{name}_attention" for name, s in built.items() if s.has_attention]
         self.out_features = sum(stream.out_features for stream in built.values())
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """Return the joined feature ``[*B, out_features]``, then each stream's weights."""
+        """Return the joined feature ``[*B, out_features]``, then weights of those that attend."""
         by_key = dict(zip(self.in_keys, inputs, strict=True))
         results = [s(*(by_key[key] for key in s.in_keys)) for s in self.streams.values()]
-        features, weights = zip(*results, strict=True)
-        return torch.cat(features, dim=-1), *weights
+        weights = [w for result in results for w in result[1:]]
+        return torch.cat([result[0] for result in results], dim=-1), *weights
 
 
-def _size(shapes: Shapes, key: str) -> int:
+def feature_size(shapes: Shapes, key: str) -> int:
+    """Return how many numbers a key holds.
+
+    Raises:
+        ValueError: If it is not observed, listing what is.
+    """
     if key not in shapes:
         raise ValueError(f"key '{key}' is not observed; available: {sorted(shapes)}")
     return math.prod(shapes[key])

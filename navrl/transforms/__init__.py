@@ -3,22 +3,26 @@
 Transforms hold parameters, TensorDicts hold state: what must survive a step is a key.
 """
 
+from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
 from navrl.transforms.normalize import Normalize
 from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
 from navrl.transforms.scan_history import ScanHistory
+from navrl.transforms.subgoal_action import SubgoalAction
 from navrl.transforms.tagd import TAGD
 from navrl.transforms.waypoints import Waypoints
 
 __all__ = [
     "TAGD",
+    "GoalPosition",
     "ICPAlign",
     "MinPool",
     "Normalize",
     "ObservationMap",
     "ScanHistory",
+    "SubgoalAction",
     "Waypoints",
     "compose",
 ]

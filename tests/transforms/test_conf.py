@@ -16,18 +16,46 @@ from navrl.ops.icp import PAPER, ROBUST, IcpOptions
 
 CONF = Path(__file__).parents[2] / "conf"
 NAMES = sorted(path.stem for path in (CONF / "transforms").glob("*.yaml"))
+OURS = {"spatial": (180, 2), "temporal": (30, 4), "waypoint": (5, 2)}
+INPUTS = {  # of the networks; those of the pipelines not named here are the paper's
+    "distances": {"distance": (180,), "waypoint": (5, 2)},
+    "liang": {
+        **dict.fromkeys(("distance", "distance_previous", "distance_earlier"), (180,)),
+        "waypoint": (5, 2),
+    },
+    "liang_original": {
+        **dict.fromkeys(("distance", "distance_previous", "distance_earlier"), (512,)),
+        "goal": (2,),
+    },
+    "perez_darpino": {"distance": (128,), "goal": (2,), "waypoint": (6, 2)},
+    "subgoal": {"spatial": (180, 2), "waypoint": (5, 2)},
+}
+BEAMS = {"liang_original": 1536, "perez_darpino": 1536}
 
 
 def read(name, *overrides):
     with initialize_config_dir(str(CONF), version_base=None):
-        return compose(overrides=[f"+transforms={name}", *overrides]).transforms
+        return compose(overrides=["+robot=kobuki", f"+transforms={name}", *overrides]).transforms
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_builds_and_runs(name):
-    env = TransformedEnv(RoomEnv(num_beams=1440), instantiate(read(name), _convert_="all"))
+    room = RoomEnv(num_beams=BEAMS.get(name, 1440))
+    env = TransformedEnv(room, instantiate(read(name), _convert_="all"))
     check_env_specs(env)
-    assert env.rollout(2)["temporal"].shape[-2:] == (30, 4)
+    rollout = env.rollout(2)
+    for key, shape in INPUTS.get(name, OURS).items():
+        assert tuple(rollout[key].shape[2:]) == shape
+        assert rollout[key].abs().max() <= 2.0  # scaled
+    assert rollout["waypoints"].shape[2:] == (5, 2)  # for guides, controllers and pictures
+
+
+def test_waypoints_far_ahead_lie_on_the_same_projection():
+    steps = instantiate(read("perez_darpino"), _convert_="all")
+    env = TransformedEnv(RoomEnv(num_beams=1536), steps)
+    rollout = env.rollout(3)
+    near, far = 3.5 * rollout["waypoint"][..., 0, :], rollout["waypoints"][..., 2:4, :]
+    assert (near - far.mean(-2)).norm(dim=-1).max() < 0.2  # 1.0 m: between 0.9 m and 1.2 m
 
 
 def test_paper_is_the_constructors_defaults():

@@ -13,6 +13,7 @@ from navrl import keys
 from navrl.ops import se2
 from navrl.transforms import (
     TAGD,
+    GoalPosition,
     ICPAlign,
     MinPool,
     Normalize,
@@ -231,6 +232,47 @@ class TestWaypoints(TransformContract):
         expected = torch.stack([torch.full((5,), -0.5), 0.4 - ahead], dim=-1)
         torch.testing.assert_close(waypoints, expected)
         torch.testing.assert_close(progress, torch.tensor([0.4]))
+
+
+class TestGoalPosition(TransformContract):
+    def make(self, **kwargs):
+        return GoalPosition(**kwargs)
+
+    def in_foreign_env(self):
+        return [GoalPosition(in_keys=["odometry", "route"], out_keys=[["ahead", "goal"]])]
+
+    def test_by_hand(self):
+        path = torch.tensor([[0.0, 0.0], [5.0, 0.0], [5.0, 3.0], [5.0, 3.0]])
+        goal = GoalPosition()(pose=torch.tensor([4.0, 1.0, math.pi / 2]), path=path)
+        torch.testing.assert_close(goal, torch.tensor([2.0, -1.0]))
+
+
+class TestThreeScans(TransformContract):
+    """A history of a history, as the three scans of conf/transforms/liang.yaml."""
+
+    is_memoryless = False
+    state_keys = ("previous",)
+
+    def before(self):
+        return [
+            MinPool(group_size=4),
+            ScanHistory(in_keys=[keys.RANGES_POOLED], out_keys=["previous"]),
+        ]
+
+    def make(self, **kwargs):
+        return ScanHistory(**{"in_keys": ["previous"], "out_keys": ["earlier"], **kwargs})
+
+    def in_foreign_env(self):
+        older = ScanHistory(in_keys=[["last", "xy"]], out_keys=[["older", "xy"]])
+        return [*strangers_scan(), older]
+
+    def check_rollout(self, rollout):
+        assert torch.equal(rollout["next", "earlier"], rollout["previous"])
+        now, later = rollout[..., :-1], rollout[..., 1:]
+        ended = now["next", "done"].squeeze(-1)
+        scan = keys.RANGES_POOLED
+        assert torch.equal(later["next", "earlier"][~ended], now[scan][~ended])  # two steps back
+        assert torch.equal(later["earlier"][ended], later[scan][ended])  # there is no past
 
 
 class TestNormalize(TransformContract):

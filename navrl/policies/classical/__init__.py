@@ -6,6 +6,7 @@ from navrl.policies.classical.oracle import Oracle, SearchEffort
 from navrl.policies.classical.orca import Orca
 from navrl.policies.classical.pure_pursuit import PurePursuit
 from navrl.policies.classical.stop_and_go import StopAndGo
+from navrl.policies.classical.waypoint_subgoal import WaypointSubgoal
 
 __all__ = [
     "DynamicWindow",
@@ -16,4 +17,5 @@ __all__ = [
     "StandStill",
     "StopAndGo",
     "UniformRandom",
+    "WaypointSubgoal",
 ]

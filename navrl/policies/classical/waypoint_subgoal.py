@@ -1,0 +1,54 @@
+"""A waypoint as subgoal: what pure pursuit is where actions are subgoals."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
+from navrl import keys
+
+
+class WaypointSubgoal(TensorDictModuleBase):
+    """Ask for the next waypoints one after the other; only the subgoals' own safety is added.
+
+    Args:
+        max_distance: Farthest subgoal, m, as :class:`navrl.transforms.SubgoalAction` has it.
+        max_bearing: Largest bearing to either side, rad, as there.
+        waypoint: Index of the waypoint that is asked for.
+        waypoints_key: TensorDict key of the waypoints ``[*B, N_f, 2]`` m, robot frame.
+
+    Raises:
+        ValueError: If a bound is not positive or ``waypoint`` is negative.
+    """
+
+    def __init__(
+        self,
+        max_distance: float = 1.0,
+        max_bearing: float = 0.5 * math.pi,
+        waypoint: int = 2,
+        waypoints_key: str = keys.WAYPOINTS,
+    ) -> None:
+        super().__init__()
+        if not min(max_distance, max_bearing) > 0.0 or waypoint < 0:
+            raise ValueError(
+                f"max_distance={max_distance}, max_bearing={max_bearing}: must be > 0; "
+                f"waypoint={waypoint}: must be >= 0"
+            )
+        self.max_distance, self.max_bearing, self.waypoint = max_distance, max_bearing, waypoint
+        self.in_keys, self.out_keys = [waypoints_key], [keys.ACTION]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the normalised subgoal ``[*B, 2]``."""
+        points = tensordict.get(self.in_keys[0])
+        if self.waypoint >= points.shape[-2]:
+            raise ValueError(
+                f"waypoint={self.waypoint}: there are only {points.shape[-2]} waypoints"
+            )
+        x, y = points[..., self.waypoint, :].unbind(-1)
+        distance = 2.0 * torch.hypot(x, y) / self.max_distance - 1.0
+        bearing = torch.atan2(y, x) / self.max_bearing
+        action = torch.stack([distance, bearing], dim=-1)
+        return tensordict.set(keys.ACTION, action.clamp(-1.0, 1.0))
