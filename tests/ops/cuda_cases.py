@@ -6,11 +6,15 @@ as the compiler.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import torch
+from rooms import sample_scan_pairs
 from scenes import pack, random_scene, scene, walker
 
+from navrl.ops.grouping import tagd
+from navrl.ops.icp import PAPER, ROBUST, align
 from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.path import point_at, project_onto_path
 from navrl.ops.pooling import min_pool
@@ -100,8 +104,50 @@ def paths(device):
     return {name: value.cpu() for name, value in results.items()}
 
 
+def scan_pairs(device, count=3, num_points=24, dtype=torch.float64):
+    pairs = sample_scan_pairs(
+        count, seed=5, num_points=num_points, beams_per_point=2, num_pedestrians=2
+    )
+    source, target = pairs.source, pairs.target
+    scans = (source.points.to(dtype), source.returns, target.points.to(dtype), target.returns)
+    return [scan.to(device) for scan in scans]
+
+
+def alignments(device, **size):
+    """By both metrics, with and without windows, with a failure among the pairs."""
+    results = {}
+    scans = scan_pairs(device, **size)
+    scans[1][1] = False  # nothing seen before
+    options = {
+        "robust": replace(ROBUST, gate=0.5, min_pairs=3),
+        "paper": replace(PAPER, min_pairs=3),
+        "few steps": replace(ROBUST, max_iterations=2, min_pairs=3, robust_scale=None),
+    }
+    for name, option in options.items():
+        results |= {f"{k} {name}": v for k, v in align(*scans, option)._asdict().items()}
+    half = scans[0].shape[1] // 2
+    shorter = [scans[0][:, :half], scans[1][:, :half], scans[2].flip(1), scans[3].flip(1)]
+    results |= {f"{k} mixed": v for k, v in align(*shorter, options["paper"])._asdict().items()}
+    assert (results["iterations robust"][0] > 3) and not results["converged paper"][1]
+    return {name: value.cpu() for name, value in results.items()}
+
+
+def descriptors(device, **size):
+    """With all ways to fill empty groups, and with scans that saw nothing."""
+    source, returns, target, target_returns = scan_pairs(device, **size)
+    returns[1], target_returns[1], target_returns[2] = False, False, False
+    results = {}
+    fills = (("center", "current", "groups"), ("zeros", "center", "groups"))
+    fills += (("center", "zeros", "zeros"),)
+    for number, fill in zip((7, 2, 5), fills, strict=True):
+        groups = tagd(target, target_returns, source, returns, number, 0.4, 3.5, *fill)
+        results |= {f"{key} {fill}": value.cpu() for key, value in groups._asdict().items()}
+    return results
+
+
 CASES = {
-    case.__name__: case for case in (worlds, wheeled_worlds, rays, noise, pooling, paths)
+    case.__name__: case
+    for case in (worlds, wheeled_worlds, rays, noise, pooling, paths, alignments, descriptors)
 }
 EXACT = {"noise", "pooling"}
 
