@@ -1,5 +1,7 @@
 """Which implementation of a function runs: the compiled kernel or the torch form."""
 
+import functools
+import importlib.util
 from typing import Literal
 
 import torch
@@ -10,12 +12,13 @@ BACKENDS = ("auto", "numba", "torch")
 
 
 def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
-    """Return whether the kernel is to run on these inputs.
+    """Return whether a kernel is to run on these inputs, the one for their device.
 
     Args:
-        backend: ``auto`` takes the kernel wherever it can run: on CPU tensors in single or double
-            precision that no gradient flows through, outside of ``torch.compile``. ``numba``
-            insists on it, ``torch`` on the torch form.
+        backend: ``auto`` takes the kernel wherever it can run: on tensors in single or double
+            precision that no gradient flows through, outside of ``torch.compile``; on the CPU, and
+            on a CUDA device if numba-cuda is installed. ``numba`` insists on it, ``torch`` on the
+            torch form.
         inputs: what the function reads.
 
     Raises:
@@ -26,18 +29,55 @@ def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
     if backend == "torch" or (backend == "auto" and torch.compiler.is_compiling()):
         return False
     for tensor in inputs:
-        obstacle = None
-        if tensor.device.type != "cpu":
-            obstacle = f"a tensor on {tensor.device}"
-        elif tensor.is_floating_point() and tensor.dtype not in (torch.float32, torch.float64):
-            obstacle = f"a tensor of {tensor.dtype}"
-        elif tensor.requires_grad and torch.is_grad_enabled():
-            obstacle = "a tensor that requires a gradient"
+        obstacle = _obstacle(tensor)
         if obstacle is not None:
             if backend == "numba":
                 raise ValueError(f"backend 'numba' cannot take {obstacle}")
             return False
     return True
+
+
+def _obstacle(tensor: Tensor) -> str | None:
+    if tensor.device.type != "cpu":
+        missing = "a CPU or CUDA device" if tensor.device.type != "cuda" else missing_for_cuda()
+        if missing is not None:
+            return f"a tensor on {tensor.device} without {missing}"
+    if tensor.is_floating_point() and tensor.dtype not in (torch.float32, torch.float64):
+        return f"a tensor of {tensor.dtype}"
+    if tensor.requires_grad and torch.is_grad_enabled():
+        return "a tensor that requires a gradient"
+    return None
+
+
+@functools.cache
+def missing_for_cuda() -> str | None:
+    """Return what is missing to run kernels on a CUDA device, ``None`` if nothing is."""
+    if not torch.cuda.is_available():
+        return "a CUDA device that torch can use"
+    if importlib.util.find_spec("numba_cuda") is None:
+        return "numba-cuda (pip install 'navrl[cuda]')"
+    return None
+
+
+def find_device(device: torch.device | str) -> torch.device:
+    """Return the device that ``cpu`` or ``cuda`` stands for, with its index.
+
+    Raises:
+        ValueError: It is neither, or something is missing for it, naming what.
+    """
+    if str(device) == "cpu":
+        return torch.device("cpu")
+    if torch.device(device).type != "cuda":
+        raise ValueError(f"device must be cpu or cuda, got {str(device)!r}")
+    if missing_for_cuda() is not None:
+        raise ValueError(f"device={str(device)!r} needs {missing_for_cuda()}; device='cpu' works")
+    current = torch.device("cuda", torch.cuda.current_device())
+    if torch.device(device).index not in (None, current.index):
+        raise ValueError(
+            f"device={str(device)!r}: the current CUDA device is {current}; choose another by "
+            "CUDA_VISIBLE_DEVICES"
+        )
+    return current
 
 
 def check_same_device(**tensors: Tensor) -> None:

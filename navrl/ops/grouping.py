@@ -108,12 +108,12 @@ def tagd(
 
 
 def _tagd_compiled(scans: tuple[Tensor, ...], options: tuple) -> GroupDescriptors:
-    from navrl.ops.kernels.grouping import tagd_cpu
+    from navrl.ops.kernels.grouping import describe_groups
 
     batch = scans[0].shape[:-2]
     flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
     return GroupDescriptors(
-        *(values.reshape(batch + values.shape[1:]) for values in tagd_cpu(*flat, *options))
+        *(values.reshape(batch + values.shape[1:]) for values in describe_groups(*flat, *options))
     )
 
 

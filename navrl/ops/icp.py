@@ -165,13 +165,13 @@ def _align_compiled(
     target_returns: Tensor,
     options: IcpOptions,
 ) -> Alignment:
-    from navrl.ops.kernels.icp import align_cpu
+    from navrl.ops.kernels.icp import align_scans
 
     batch = source_points.shape[:-2]
     scans = (source_points, source_returns, target_points, target_returns)
     flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
     return Alignment(
-        *(result.reshape(batch + result.shape[1:]) for result in align_cpu(*flat, options))
+        *(result.reshape(batch + result.shape[1:]) for result in align_scans(*flat, options))
     )
 
 

@@ -82,9 +82,9 @@ def add_range_noise(
     if table.shape != (TABLE_SIZE,) or table.dtype != torch.float32:
         raise ValueError(f"table must be [{TABLE_SIZE}] float32, got {list(table.shape)}")
     if is_compiled(backend, ranges, seed, step, table):
-        from navrl.ops.kernels.noise import add_range_noise_cpu
+        from navrl.ops.kernels.noise import add_noise
 
-        return add_range_noise_cpu(ranges, seed, step, table, max_range)
+        return add_noise(ranges, seed, step, table, max_range)
     noisy = ranges + table[_table_rows(seed, step, ranges.shape[1])]
     noisy = noisy.clamp(0.0, torch.tensor(max_range - HIT_MARGIN, dtype=torch.float32).item())
     return torch.where(ranges < max_range, noisy, ranges)

@@ -141,16 +141,16 @@ def _project_compiled(
 
     batch, count = path.shape[:-2], path.shape[:-2].numel()
     if previous_progress is None:
-        previous_progress = torch.full(batch, math.nan, dtype=path.dtype)
-    progress, distance = torch.empty(2, count, dtype=path.dtype)
+        previous_progress = path.new_full(batch, math.nan)
+    progress, distance = path.new_empty(2, count)
     project_kernel(
-        progress.numpy(),
-        distance.numpy(),
-        path.reshape(count, *path.shape[-2:]).contiguous().numpy(),
-        position.reshape(count, 2).contiguous().numpy(),
-        previous_progress.expand(batch).reshape(count).contiguous().numpy(),
-        ahead,
-        behind,
+        progress,
+        distance,
+        path.reshape(count, *path.shape[-2:]).contiguous(),
+        position.reshape(count, 2).contiguous(),
+        previous_progress.expand(batch).reshape(count).contiguous(),
+        float(ahead),
+        float(behind),
     )
     return PathProjection(progress.reshape(batch), distance.reshape(batch))
 
@@ -159,11 +159,11 @@ def _point_at_compiled(path: Tensor, arc: Tensor) -> Tensor:
     from navrl.ops.kernels.path import points_at_kernel
 
     batch, count = path.shape[:-2], path.shape[:-2].numel()
-    points = torch.empty(count, arc.shape[-1], 2, dtype=path.dtype)
+    points = path.new_empty(count, arc.shape[-1], 2)
     points_at_kernel(
-        points.numpy(),
-        path.reshape(count, *path.shape[-2:]).contiguous().numpy(),
-        arc.reshape(count, arc.shape[-1]).contiguous().numpy(),
+        points,
+        path.reshape(count, *path.shape[-2:]).contiguous(),
+        arc.reshape(count, arc.shape[-1]).contiguous(),
     )
     return points.reshape(*batch, arc.shape[-1], 2)
 

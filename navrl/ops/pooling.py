@@ -97,11 +97,11 @@ def check_pooling(
 def _min_pool_compiled(
     ranges: Tensor, group_size: int, max_range: float, bearing: Bearing
 ) -> PooledScan:
-    from navrl.ops.kernels.pooling import min_pool_cpu
+    from navrl.ops.kernels.pooling import pool
 
     batch = ranges.shape[:-1]
     flat = ranges.reshape(batch.numel(), ranges.shape[-1])
-    pooled = min_pool_cpu(flat, group_size, max_range, bearing)
+    pooled = pool(flat, group_size, max_range, bearing)
     return PooledScan(*(values.reshape(batch + values.shape[1:]) for values in pooled))
 
 

@@ -40,7 +40,7 @@ def cast_rays(
     """
     num_boxes = _check(pose, boxes, num_boxes, num_beams, max_range)
     if is_compiled(backend, pose, boxes):
-        return _cast_rays_numba(pose, boxes, num_boxes, num_beams, max_range)
+        return _cast_rays_compiled(pose, boxes, num_boxes, num_beams, max_range)
     return _cast_rays_torch(pose, boxes, num_boxes, num_beams, max_range)
 
 
@@ -75,28 +75,26 @@ def _check(
 
 
 @functools.lru_cache(maxsize=16)
-def beam_directions(num_beams: int) -> Tensor:
+def beam_directions(num_beams: int, device: torch.device | str = "cpu") -> Tensor:
     """Return [2, num_beams] float64 (cos, sin) of the beams' angles; do not write into it."""
     angle = torch.arange(num_beams, dtype=torch.float64) * (2.0 * math.pi / num_beams)
-    return torch.stack((torch.cos(angle), torch.sin(angle)))
+    return torch.stack((torch.cos(angle), torch.sin(angle))).to(device)
 
 
-def _cast_rays_numba(
+def _cast_rays_compiled(
     pose: Tensor, boxes: Tensor, num_boxes: Tensor, num_beams: int, max_range: float
 ) -> Tensor:
     from navrl.ops.kernels.rays import cast_rays_kernel
 
     batch, count = pose.shape[:-1], pose.shape[:-1].numel()
-    out = torch.empty(count, num_beams, dtype=torch.float32)
-    cos, sin = beam_directions(num_beams).numpy()
+    out = pose.new_empty(count, num_beams, dtype=torch.float32)
     cast_rays_kernel(
-        out.numpy(),
-        pose.detach().reshape(count, 3).double().contiguous().numpy(),
-        boxes.detach().reshape(count, boxes.shape[-2], 5).double().contiguous().numpy(),
-        num_boxes.reshape(count).long().contiguous().numpy(),
-        cos,
-        sin,
-        max_range,
+        out,
+        pose.reshape(count, 3).double().contiguous(),
+        boxes.reshape(count, boxes.shape[-2], 5).double().contiguous(),
+        num_boxes.reshape(count).long().contiguous(),
+        *beam_directions(num_beams, pose.device),
+        float(max_range),
     )
     return out.reshape(*batch, num_beams)
 

@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import importlib
 import logging
 import os
 import tempfile
@@ -11,13 +12,14 @@ from pathlib import Path
 
 import numba
 import torch
+from torch import Tensor
 
 LOG = logging.getLogger(__name__)
 _OPS = Path(__file__).parents[1]
 
 
 def scalar(function: Callable) -> Callable:
-    """Compile a small function that kernels call."""
+    """Compile a small function that kernels call, those for CUDA too: numba compiles it anew."""
     return numba.njit(error_model="numpy")(function)
 
 
@@ -33,11 +35,17 @@ def kernel(function: Callable) -> Callable:
     ``OMP_NUM_THREADS``), so one setting governs both and workers of ``ParallelEnv`` stay on one.
     A single thread runs the loop in place: no hand-over to a worker, safe in any thread and after
     any fork.
+
+    Arguments are tensors, arrays and numbers; the first one is a tensor or an array. With tensors
+    on a CUDA device the kernel of the same module and name in :mod:`navrl.ops.kernels.cuda` runs.
     """
     dispatchers = {}
 
     @functools.wraps(function)
     def launch(*arguments):
+        if runs_on_cuda(arguments[0]):
+            return _cuda_form(function)(*arguments)
+        arguments = [as_array(argument) for argument in arguments]
         num_threads = min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS)
         is_parallel = num_threads > 1
         if is_parallel not in dispatchers:
@@ -52,12 +60,34 @@ def kernel(function: Callable) -> Callable:
     return launch
 
 
+def runs_on_cuda(argument: object) -> bool:
+    """Return whether a kernel with this argument is one for CUDA."""
+    return isinstance(argument, Tensor) and argument.is_cuda
+
+
+def as_array(argument: object) -> object:
+    """Return the numpy view of a tensor, everything else as it is."""
+    return argument.numpy(force=argument.requires_grad) if isinstance(argument, Tensor) else argument
+
+
+@functools.cache
+def _cuda_form(function: Callable) -> Callable:
+    package, _, module = function.__module__.rpartition(".")
+    return getattr(importlib.import_module(f"{package}.cuda.{module}"), function.__name__)
+
+
 def _dispatcher(function: Callable, is_parallel: bool) -> Callable:
-    """Prepare one form of a kernel, and say so if it is yet to be compiled."""
-    directory = Path(cache_directory()) / ("parallel" if is_parallel else "serial")
+    """Prepare one form of a CPU kernel."""
+    jit = numba.njit(parallel=is_parallel, cache=True, error_model="numpy")
+    return cached(function, jit, "parallel" if is_parallel else "serial")
+
+
+def cached(function: Callable, jit: Callable, form: str) -> Callable:
+    """Compile a kernel by ``jit`` with its code on disk; say so if it is yet to be compiled."""
+    directory = Path(cache_directory()) / form
     configured, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(directory)
     try:  # numba reads the directory once, here
-        dispatcher = numba.njit(parallel=is_parallel, cache=True, error_model="numpy")(function)
+        dispatcher = jit(function)
     finally:
         numba.config.CACHE_DIR = configured
     if not any(directory.rglob(f"*.{function.__name__}-*.nbi")):

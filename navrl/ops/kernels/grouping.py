@@ -1,5 +1,6 @@
 """Group descriptors: :func:`navrl.ops.grouping.tagd`, pair of scans by pair, in float64."""
 
+import functools
 import math
 
 import numpy as np
@@ -29,13 +30,21 @@ def write_rows(points, returns, rows):
 
 
 @reordering_scalar
-def write_clipped(rows, ray_x, ray_y, cos_half_sector, max_range, clipped):
-    """Write each point's distance, capped at ``max_range`` and there outside of a ray's sector."""
+def clipped(x, y, distance, ray_x, ray_y, cos_half_sector, max_range):
+    """Return a point's distance, capped at ``max_range`` and there outside of a ray's sector."""
+    along = x * ray_x + y * ray_y
+    is_inside = (along >= cos_half_sector * distance) & (distance < max_range)
+    return distance if is_inside else max_range
+
+
+@reordering_scalar
+def write_clipped(rows, ray_x, ray_y, cos_half_sector, max_range, distances):
+    """Write the clipped distance of each point."""
     x, y, distance = rows[0], rows[1], rows[2]
-    for index in range(clipped.shape[0]):
-        along = x[index] * ray_x + y[index] * ray_y
-        is_inside = (along >= cos_half_sector * distance[index]) & (distance[index] < max_range)
-        clipped[index] = distance[index] if is_inside else max_range
+    for index in range(distances.shape[0]):
+        distances[index] = clipped(
+            x[index], y[index], distance[index], ray_x, ray_y, cos_half_sector, max_range
+        )
 
 
 @scalar
@@ -65,6 +74,32 @@ def sum_members(rows, center_x, center_y, radius_squared):
     return number, sum_x, sum_y
 
 
+@scalar
+def describe(
+    now, before, ray_x, ray_y, reach, radius, now_is_center, previous_fill, descriptor, valid
+):
+    """Write the descriptor [4] and validity [2] of the group at ``reach`` on a ray."""
+    gx, gy = reach * ray_x, reach * ray_y
+    x, y = (gx, gy) if now_is_center else (0.0, 0.0)
+    number, sum_x, sum_y = sum_members(now, gx, gy, radius * radius)
+    valid[1] = number > 0.0
+    if number > 0.0:
+        x, y = gx + sum_x / number, gy + sum_y / number
+    old_x, old_y = (x, y) if previous_fill == 0 else (0.0, 0.0)
+    old_x, old_y = (gx, gy) if previous_fill == 1 else (old_x, old_y)
+    number, sum_x, sum_y = sum_members(before, gx, gy, radius * radius)
+    valid[0] = number > 0.0
+    if number > 0.0:
+        old_x, old_y = gx + sum_x / number, gy + sum_y / number
+    descriptor[0], descriptor[1], descriptor[2], descriptor[3] = old_x, old_y, x, y
+
+
+@scalar
+def cos_half_sector(num_groups):
+    """Return the cosine of the angle from a ray to the border of its sector."""
+    return math.cos(min(math.pi / num_groups + SECTOR_TOLERANCE_RAD, math.pi))
+
+
 @kernel
 def tagd_kernel(
     points, returns, previous_points, previous_returns, rays, radius, max_range,
@@ -75,34 +110,31 @@ def tagd_kernel(
     ``previous_fill`` is 0 for the current centroid, 1 for the group's centre, 2 for zeros.
     """
     num_groups = rays.shape[0]
-    cos_half_sector = math.cos(min(math.pi / num_groups + SECTOR_TOLERANCE_RAD, math.pi))
+    cosine = cos_half_sector(num_groups)
     for n in prange(points.shape[0]):
         now, before = np.empty((3, points.shape[1])), np.empty((3, previous_points.shape[1]))
         has_now = write_rows(points[n], returns[n], now)
         has_before = write_rows(previous_points[n], previous_returns[n], before)
-        clipped = np.empty(points.shape[1])
+        distances = np.empty(points.shape[1])
         for group in range(num_groups):
-            write_clipped(now, rays[group, 0], rays[group, 1], cos_half_sector, max_range, clipped)
-            reach = smallest(clipped)
-            gx, gy = reach * rays[group, 0], reach * rays[group, 1]
-            x, y = (gx, gy) if now_is_center else (0.0, 0.0)
-            number, sum_x, sum_y = sum_members(now, gx, gy, radius * radius)
-            valid[n, group, 1] = number > 0.0
-            if number > 0.0:
-                x, y = gx + sum_x / number, gy + sum_y / number
-            old_x, old_y = (x, y) if previous_fill == 0 else (0.0, 0.0)
-            old_x, old_y = (gx, gy) if previous_fill == 1 else (old_x, old_y)
-            number, sum_x, sum_y = sum_members(before, gx, gy, radius * radius)
-            valid[n, group, 0] = number > 0.0
-            if number > 0.0:
-                old_x, old_y = gx + sum_x / number, gy + sum_y / number
-            descriptors[n, group, 0], descriptors[n, group, 1] = old_x, old_y
-            descriptors[n, group, 2], descriptors[n, group, 3] = x, y
+            ray_x, ray_y = rays[group, 0], rays[group, 1]
+            write_clipped(now, ray_x, ray_y, cosine, max_range, distances)
+            describe(
+                now, before, ray_x, ray_y, smallest(distances), radius, now_is_center,
+                previous_fill, descriptors[n, group], valid[n, group],
+            )  # fmt: skip
         if zero_without_returns and not (has_now or has_before):
             descriptors[n] = 0.0
 
 
-def tagd_cpu(
+@functools.lru_cache(maxsize=16)
+def _rays(num_groups: int, device: torch.device) -> Tensor:
+    """Return the rays' directions [N_c, 2]."""
+    angle = np.arange(num_groups) * (_TURN / num_groups)
+    return torch.from_numpy(np.stack((np.cos(angle), np.sin(angle)), axis=-1)).to(device)
+
+
+def describe_groups(
     points: Tensor,
     returns: Tensor,
     previous_points: Tensor,
@@ -116,18 +148,17 @@ def tagd_cpu(
 ) -> tuple[Tensor, Tensor]:
     """Kernel behind :func:`navrl.ops.grouping.tagd`: scans [S, N, 2] and [S, M, 2] in."""
     descriptors = points.new_empty(points.shape[0], num_groups, 4)
-    valid = torch.empty(points.shape[0], num_groups, 2, dtype=torch.bool)
-    angle = np.arange(num_groups) * (_TURN / num_groups)
+    valid = points.new_empty(points.shape[0], num_groups, 2, dtype=torch.bool)
     scans = (points, returns, previous_points, previous_returns)
     tagd_kernel(
-        *(scan.detach().contiguous().numpy() for scan in scans),
-        np.stack((np.cos(angle), np.sin(angle)), axis=-1),
+        *(scan.contiguous() for scan in scans),
+        _rays(num_groups, points.device),
         float(group_radius),
         float(max_range),
         empty_now == "center",
         ("current", "center", "zeros").index(empty_previous),
         empty_scans == "zeros",
-        descriptors.numpy(),
-        valid.numpy(),
+        descriptors,
+        valid,
     )
     return descriptors, valid

@@ -57,6 +57,12 @@ def profile_cost(source, target):
 
 
 @scalar
+def largest_shift(search_range, count):
+    """Return how many points a scan may be turned by to either side."""
+    return min(int(search_range / _TURN * count), count // 2)
+
+
+@scalar
 def search_rotation(source, target, search_range):
     """Return the yaw at which the range profiles of two scans [3, N] agree best."""
     count = source.shape[1]
@@ -64,14 +70,24 @@ def search_rotation(source, target, search_range):
     profile = np.empty(3 * count, dtype=np.float32)
     write_profile(source, source_profile)
     write_profile(target, profile)
-    max_shift = min(int(search_range / _TURN * count), count // 2)
-    best, best_shift = profile_cost(source_profile, profile[count : 2 * count]), 0
-    for size in range(1, max_shift + 1):  # the smaller turn wins a tie, then the negative one
-        for shift in (-size, size):
-            cost = profile_cost(source_profile, profile[count + shift : 2 * count + shift])
-            if cost < best:
-                best, best_shift = cost, shift
-    return best_shift * (_TURN / count)
+    max_shift = largest_shift(search_range, count)
+    costs = np.empty(2 * max_shift + 1, dtype=np.float32)
+    for column in range(costs.shape[0]):
+        start = count - max_shift + column
+        costs[column] = profile_cost(source_profile, profile[start : start + count])
+    return best_shift(costs) * (_TURN / count)
+
+
+@scalar
+def best_shift(costs):
+    """Return which of the shifts ``-max .. max`` costs least; the smaller one wins a tie."""
+    middle = costs.shape[0] // 2
+    best, shift = costs[middle], 0
+    for size in range(1, middle + 1):
+        for candidate in (-size, size):
+            if costs[middle + candidate] < best:
+                best, shift = costs[middle + candidate], candidate
+    return shift
 
 
 @scalar
@@ -109,8 +125,8 @@ def weigh_pairs(returns, squared, gate_squared, weights):
 
 
 @reordering_scalar
-def rigid_step(points, partners, weights, number):
-    """Return the motion that lays points over their partners with least squared error."""
+def rigid_sums(points, partners, weights):
+    """Return the sums over pairs that :func:`rigid_step` is made of."""
     xs, ys, us, vs = points[0], points[1], partners[0], partners[1]
     ax, ay, bx, by, cross, dot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for index in range(xs.shape[0]):
@@ -121,6 +137,13 @@ def rigid_step(points, partners, weights, number):
         by += weight * v
         cross += weight * (x * v - y * u)
         dot += weight * (x * u + y * v)
+    return ax, ay, bx, by, cross, dot
+
+
+@reordering_scalar
+def rigid_step(sums, number):
+    """Return the motion that lays points over their partners with least squared error."""
+    ax, ay, bx, by, cross, dot = sums
     share = 1.0 / number
     ax, ay, bx, by = ax * share, ay * share, bx * share, by * share
     yaw = math.atan2(cross * share - (ax * by - ay * bx), dot * share - (ax * bx + ay * by))
@@ -129,12 +152,12 @@ def rigid_step(points, partners, weights, number):
 
 
 @reordering_scalar
-def line_step(points, partners, lines, weights, robust_scale):
-    """Return the Gauss-Newton step for the distances from points to their partners' lines."""
+def line_sums(points, partners, lines, weights, robust_scale):
+    """Return the sums over pairs that :func:`line_step` is made of: matrix, then vector."""
     xs, ys, us, vs = points[0], points[1], partners[0], partners[1]
     normal_x, normal_y, line_shares = lines[0], lines[1], lines[2]
     sharpness = 1.0 / (robust_scale * robust_scale)
-    a_xx, a_xy, a_yy, a_xt, a_yt, a_tt = DAMPING, 0.0, DAMPING, 0.0, 0.0, DAMPING
+    a_xx, a_xy, a_yy, a_xt, a_yt, a_tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     b_x, b_y, b_t = 0.0, 0.0, 0.0
     for index in range(xs.shape[0]):
         x, y, nx, ny = xs[index], ys[index], normal_x[index], normal_y[index]
@@ -154,6 +177,14 @@ def line_step(points, partners, lines, weights, robust_scale):
         b_x += weight * nx * across + slide * ny * along
         b_y += weight * ny * across - slide * nx * along
         b_t += weight * lever * across + slide * slide_lever * along
+    return a_xx, a_xy, a_yy, a_xt, a_yt, a_tt, b_x, b_y, b_t
+
+
+@reordering_scalar
+def line_step(sums):
+    """Return the Gauss-Newton step for the distances from points to their partners' lines."""
+    a_xx, a_xy, a_yy, a_xt, a_yt, a_tt, b_x, b_y, b_t = sums
+    a_xx, a_yy, a_tt = a_xx + DAMPING, a_yy + DAMPING, a_tt + DAMPING
     # elimination of a symmetric, positive definite matrix
     f_y, f_t = a_xy / a_xx, a_xt / a_xx
     a_yy, a_yt, a_tt = a_yy - f_y * a_xy, a_yt - f_y * a_xt, a_tt - f_t * a_xt
@@ -176,6 +207,12 @@ def compose_step(motion, x, y, yaw):
 
 
 @scalar
+def is_small(x, y, yaw, limits):
+    """Whether a step is below the tolerances."""
+    return abs(yaw) < limits[2] and x * x + y * y < limits[3] ** 2
+
+
+@scalar
 def iterate(
     motion, source, target, unrolled, lines, is_windowed, use_lines, limits, max_iterations,
     min_pairs,
@@ -185,7 +222,7 @@ def iterate(
     Returns:
         (converged, inliers, rmse, iterations) of this stage.
     """
-    gate, robust_scale, rotation_tolerance, translation_tolerance, _ = limits
+    gate, robust_scale = limits[0], limits[1]
     count = source.shape[1]
     moved = np.empty((2, count))
     moved_single = np.empty((2, count), dtype=np.float32)
@@ -207,11 +244,11 @@ def iterate(
         gather(target, match, partners)
         if use_lines:
             gather(lines, match, partner_lines)
-            x, y, yaw = line_step(moved, partners, partner_lines, weights, robust_scale)
+            x, y, yaw = line_step(line_sums(moved, partners, partner_lines, weights, robust_scale))
         else:
-            x, y, yaw = rigid_step(moved, partners, weights, number)
+            x, y, yaw = rigid_step(rigid_sums(moved, partners, weights), number)
         compose_step(motion, x, y, yaw)
-        if abs(yaw) < rotation_tolerance and x * x + y * y < translation_tolerance**2:
+        if is_small(x, y, yaw, limits):
             return True, number, rmse, iteration + 1
     return False, number, rmse, max_iterations
 
@@ -254,7 +291,7 @@ def align_kernel(
             motion[n] = 0.0
 
 
-def align_cpu(
+def align_scans(
     source: Tensor,
     source_returns: Tensor,
     target: Tensor,
@@ -263,10 +300,10 @@ def align_cpu(
 ) -> tuple[Tensor, ...]:
     """Kernel behind :func:`navrl.ops.icp.align`: scans [S, N, 2] in, an Alignment's parts out."""
     count = source.shape[0]
-    motion = torch.empty(count, 3, dtype=torch.float64)
-    rmse = torch.empty(count, dtype=torch.float64)
-    converged = torch.empty(count, dtype=torch.bool)
-    inliers, iterations = torch.empty(2, count, dtype=torch.int64)
+    motion = source.new_empty(count, 3, dtype=torch.float64)
+    rmse = source.new_empty(count, dtype=torch.float64)
+    converged = source.new_empty(count, dtype=torch.bool)
+    inliers, iterations = source.new_empty(2, count, dtype=torch.int64)
     limits = (
         float(options.gate),
         math.inf if options.robust_scale is None else float(options.robust_scale),
@@ -274,14 +311,13 @@ def align_cpu(
         float(options.translation_tolerance),
         float(options.search_range),
     )
-    scans = (source, source_returns, target, target_returns)
     align_kernel(
-        *(scan.detach().contiguous().numpy() for scan in scans),
+        *(scan.contiguous() for scan in (source, source_returns, target, target_returns)),
         options.initialization == "rotation_search",
         options.metric == "point_to_line",
         limits,
         options.max_iterations,
         options.min_pairs,
-        *(result.numpy() for result in (motion, converged, inliers, rmse, iterations)),
+        *(motion, converged, inliers, rmse, iterations),
     )
     return motion.to(source.dtype), converged, inliers, rmse.to(source.dtype), iterations

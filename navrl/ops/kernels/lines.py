@@ -36,20 +36,23 @@ def sum_neighbours(x, y, sums):
 
 
 @scalar
-def fit_lines(rows, lines):
-    """Write the normal's x and y, and whether a line fits, to ``lines`` [3, M or more].
+def continue_rows(rows, padded, first, stop):
+    """Write the columns ``first .. stop - 1`` of a scan continued on both sides to ``padded``.
 
-    ``rows`` [3, M] holds x, y and the weight, 1 for a return and 0 for none.
+    ``rows`` [3, M] holds x, y and the weight, 1 for a return and 0 for none; ``padded`` is [2, M +
+    2 HALF_WINDOW].
     """
     count = rows.shape[1]
-    padded = np.empty((2, count + 2 * HALF_WINDOW))
-    for column in range(padded.shape[1]):
+    for column in range(first, stop):
         index = (column - HALF_WINDOW) % count
         hidden = (1.0 - rows[2, index]) * _FAR * (index + 1)  # apart from one another
         padded[0, column], padded[1, column] = rows[0, index] + hidden, rows[1, index]
-    sums = np.empty((4, count))
-    sum_neighbours(padded[0], padded[1], sums)
-    for index in range(count):
+
+
+@scalar
+def write_lines(sums, lines):
+    """Write the normal's x and y, and whether a line fits, to ``lines`` [3, M or more]."""
+    for index in range(sums.shape[1]):
         number, s_xx, s_yy, s_xy = sums[0, index], sums[1, index], sums[2, index], sums[3, index]
         half_sum, half_difference = 0.5 * (s_xx + s_yy), 0.5 * (s_xx - s_yy)
         spread = math.sqrt(half_difference * half_difference + s_xy * s_xy)
@@ -62,3 +65,13 @@ def fit_lines(rows, lines):
         lines[0, index] = -math.copysign(sine, s_xy) if is_line else 0.0
         lines[1, index] = cosine if is_line else 1.0
         lines[2, index] = 1.0 if is_line else 0.0
+
+
+@scalar
+def fit_lines(rows, lines):
+    """Write the line through each point of ``rows`` [3, M] to ``lines`` [3, M or more]."""
+    padded = np.empty((2, rows.shape[1] + 2 * HALF_WINDOW))
+    continue_rows(rows, padded, 0, padded.shape[1])
+    sums = np.empty((4, rows.shape[1]))
+    sum_neighbours(padded[0], padded[1], sums)
+    write_lines(sums, lines)

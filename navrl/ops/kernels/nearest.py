@@ -46,8 +46,8 @@ def repeat(rows):
 
 
 @scalar
-def unroll(points, returns, rows):
-    """Write three rounds of the target to ``rows`` [4, 3 M] float32: x, y and unit direction."""
+def write_directed(points, returns, rows):
+    """Write x, y and unit direction of the target to the first M columns of ``rows`` float32."""
     for index in range(points.shape[0]):
         x, y = np.float32(points[index, 0]), np.float32(points[index, 1])
         scale = np.float32(1.0) / math.sqrt(x * x + y * y)
@@ -55,7 +55,19 @@ def unroll(points, returns, rows):
         rows[1, index] = y if returns[index] else FAR
         rows[2, index] = x * scale
         rows[3, index] = y * scale
+
+
+@scalar
+def unroll(points, returns, rows):
+    """Write three rounds of the target to ``rows`` [4, 3 M] float32: x, y and unit direction."""
+    write_directed(points, returns, rows)
     repeat(rows)
+
+
+@scalar
+def first_column(shift, num_target):
+    """Return where the window of point 0 starts in the unrolled target."""
+    return 1 + (shift - WINDOW // 2 - 1) % num_target
 
 
 @scalar
@@ -144,7 +156,7 @@ def find_nearest(points, weights, shift, target, is_windowed, gate, squared, mat
     if not is_windowed or num_target < WINDOW + 2:
         flags[:] = 1
     else:
-        first = 1 + (shift - WINDOW // 2 - 1) % num_target
+        first = first_column(shift, num_target)
         search_window(x, y, target_x, target_y, first, WINDOW, squared, match)
         gate_squared = np.float32(gate * gate)
         num_unproved = find_unproved(

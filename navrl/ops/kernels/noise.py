@@ -25,26 +25,33 @@ def mix(word):
 
 
 @scalar
-def add_noise(ranges, out, seed, step, table, max_range, max_hit):
-    """Write the noisy scan of one world into ``out``; int64 seed and step, float32 else.
+def scan_key(seed, step):
+    """Return the hash that one scan's noise is drawn from, uint64; int64 seed and step."""
+    return mix(mix(np.uint64(seed) + _GOLDEN) + np.uint64(step))
 
-    Two passes over a row that stays in cache: the second one, without look-ups, is vectorised.
-    """
-    num_beams = ranges.shape[0]
-    key = mix(mix(np.uint64(seed) + _GOLDEN) + np.uint64(step))
-    num_words = num_beams // 4
-    for group in range(num_words):
+
+@scalar
+def draw_noise(out, key, table, first, stop):
+    """Write the noise of the groups ``first .. stop - 1`` of four beams, the last one shorter."""
+    num_words = out.shape[0] // 4
+    for group in range(first, min(stop, num_words)):
         word = mix(key + _GOLDEN * np.uint64(group + 1))
         beam = 4 * group
         out[beam] = table[word & _ROW]
         out[beam + 1] = table[(word >> _ROW_1) & _ROW]
         out[beam + 2] = table[(word >> _ROW_2) & _ROW]
         out[beam + 3] = table[(word >> _ROW_3) & _ROW]
-    word = mix(key + _GOLDEN * np.uint64(num_words + 1))
-    for beam in range(4 * num_words, num_beams):
-        out[beam] = table[word & _ROW]
-        word >>= _ROW_1
-    for beam in range(num_beams):
+    if stop > num_words:
+        word = mix(key + _GOLDEN * np.uint64(num_words + 1))
+        for beam in range(4 * num_words, out.shape[0]):
+            out[beam] = table[word & _ROW]
+            word >>= _ROW_1
+
+
+@scalar
+def add_to_ranges(ranges, out, max_range, max_hit):
+    """Add ``ranges`` to the noise in ``out``, all float32; vectorised, having no look-ups."""
+    for beam in range(ranges.shape[0]):
         noisy = ranges[beam] + out[beam]
         if noisy < 0.0:  # min() and max() would keep this loop from being vectorised
             noisy = np.float32(0.0)
@@ -57,20 +64,22 @@ def add_noise(ranges, out, seed, step, table, max_range, max_hit):
 def add_range_noise_kernel(ranges, out, seed, step, table, max_range, max_hit):
     """Noisy scans of all worlds."""
     for world in prange(ranges.shape[0]):
-        add_noise(ranges[world], out[world], seed[world], step[world], table, max_range, max_hit)
+        key = scan_key(seed[world], step[world])
+        draw_noise(out[world], key, table, 0, out.shape[1] // 4 + 1)
+        add_to_ranges(ranges[world], out[world], max_range, max_hit)  # still in cache
 
 
-def add_range_noise_cpu(
+def add_noise(
     ranges: Tensor, seed: Tensor, step: Tensor, table: Tensor, max_range: float
 ) -> Tensor:
     """Kernel behind :func:`navrl.ops.noise.add_range_noise`, whose checks its arguments passed."""
     out = torch.empty_like(ranges, memory_format=torch.contiguous_format)
     add_range_noise_kernel(
-        ranges.detach().contiguous().numpy(),
-        out.numpy(),
-        seed.contiguous().numpy(),
-        step.contiguous().numpy(),
-        table.numpy(),
+        ranges.contiguous(),
+        out,
+        seed.contiguous(),
+        step.contiguous(),
+        table.contiguous(),
         np.float32(max_range),
         np.float32(max_range - HIT_MARGIN),
     )

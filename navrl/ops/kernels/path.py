@@ -4,7 +4,55 @@ import math
 
 from numba import prange
 
-from navrl.ops.kernels.compiler import kernel
+from navrl.ops.kernels.compiler import kernel, scalar
+
+
+@scalar
+def project(path, position, previous, ahead, behind):
+    """Return arc length and distance of the projection on a path [P, 2]; see the kernel."""
+    px, py = position[0], position[1]
+    total = 0.0
+    for k in range(path.shape[0] - 1):
+        dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        total += math.sqrt(dx * dx + dy * dy)
+    is_anywhere = math.isnan(previous)
+    last = 0.0 if is_anywhere else min(float(previous), total)
+    lowest = -math.inf if is_anywhere else last - behind
+    highest = math.inf if is_anywhere else last + ahead
+    best, best_arc, arc = math.inf, 0.0, 0.0
+    for k in range(path.shape[0] - 1):
+        dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        length = math.sqrt(dx * dx + dy * dy)
+        if arc + length >= lowest:
+            low = min(max(lowest - arc, 0.0), length)
+            high = max(min(highest - arc, length), low)
+            ox, oy = px - path[k, 0], py - path[k, 1]
+            along = (ox * dx + oy * dy) / max(length, 1e-9)
+            along = min(max(along, low), high)
+            share = along / max(length, 1e-9)
+            ex, ey = ox - share * dx, oy - share * dy
+            squared = ex * ex + ey * ey
+            if squared < best:
+                best, best_arc = squared, arc + along
+        arc += length
+        if arc > highest:
+            break
+    return best_arc, math.sqrt(best)
+
+
+@scalar
+def find_point(path, arc):
+    """Return the point at an arc length along a path [P, 2], its ends beyond them."""
+    last = path.shape[0] - 1
+    left = max(float(arc), 0.0)
+    for k in range(last):
+        dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
+        length = math.sqrt(dx * dx + dy * dy)
+        if left < length:
+            share = left / length
+            return path[k, 0] + share * dx, path[k, 1] + share * dy
+        left -= length
+    return float(path[last, 0]), float(path[last, 1])
 
 
 @kernel
@@ -14,50 +62,12 @@ def project_kernel(progress, distance, path, position, previous, ahead, behind):
     Arrays: progress, distance, previous [N]; path [N, P, 2]; position [N, 2].
     """
     for n in prange(path.shape[0]):
-        px, py = position[n]
-        total = 0.0
-        for k in range(path.shape[1] - 1):
-            dx, dy = path[n, k + 1, 0] - path[n, k, 0], path[n, k + 1, 1] - path[n, k, 1]
-            total += math.sqrt(dx * dx + dy * dy)
-        is_anywhere = math.isnan(previous[n])
-        last = 0.0 if is_anywhere else min(float(previous[n]), total)
-        lowest = -math.inf if is_anywhere else last - behind
-        highest = math.inf if is_anywhere else last + ahead
-        best, best_arc, arc = math.inf, 0.0, 0.0
-        for k in range(path.shape[1] - 1):
-            dx, dy = path[n, k + 1, 0] - path[n, k, 0], path[n, k + 1, 1] - path[n, k, 1]
-            length = math.sqrt(dx * dx + dy * dy)
-            if arc + length >= lowest:
-                low = min(max(lowest - arc, 0.0), length)
-                high = max(min(highest - arc, length), low)
-                ox, oy = px - path[n, k, 0], py - path[n, k, 1]
-                along = (ox * dx + oy * dy) / max(length, 1e-9)
-                along = min(max(along, low), high)
-                share = along / max(length, 1e-9)
-                ex, ey = ox - share * dx, oy - share * dy
-                squared = ex * ex + ey * ey
-                if squared < best:
-                    best, best_arc = squared, arc + along
-            arc += length
-            if arc > highest:
-                break
-        progress[n], distance[n] = best_arc, math.sqrt(best)
+        progress[n], distance[n] = project(path[n], position[n], previous[n], ahead, behind)
 
 
 @kernel
 def points_at_kernel(points, path, arcs):
     """Write the points [N, K, 2] at ``arcs`` [N, K], in any order, along paths [N, P, 2]."""
-    last = path.shape[1] - 1
     for n in prange(path.shape[0]):
         for j in range(arcs.shape[1]):
-            left = max(float(arcs[n, j]), 0.0)
-            points[n, j, 0], points[n, j, 1] = path[n, last, 0], path[n, last, 1]
-            for k in range(last):
-                dx, dy = path[n, k + 1, 0] - path[n, k, 0], path[n, k + 1, 1] - path[n, k, 1]
-                length = math.sqrt(dx * dx + dy * dy)
-                if left < length:
-                    share = left / length
-                    points[n, j, 0] = path[n, k, 0] + share * dx
-                    points[n, j, 1] = path[n, k, 1] + share * dy
-                    break
-                left -= length
+            points[n, j, 0], points[n, j, 1] = find_point(path[n], arcs[n, j])

@@ -7,8 +7,28 @@ import torch
 from numba import prange
 from torch import Tensor
 
-from navrl.ops.kernels.compiler import kernel
+from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.pooling import RETURN_MARGIN_M, Bearing, beam_offsets, bin_centres
+
+
+@scalar
+def cleaned_range(value, limit, max_range):
+    """Return a reading, or ``max_range`` if it is no return: neither NaN nor the far side."""
+    return value if (value > 0.0) & (value < limit) else max_range
+
+
+@scalar
+def write_bin(scan, directions, is_per_beam, max_range, index, smallest, nearest, points, returns):
+    """Write the ``index``-th bin of a scan whose smallest cleaned reading is ``smallest``."""
+    num_bins = nearest.shape[0]
+    is_return, row = smallest < max_range, index
+    if is_per_beam and is_return:
+        row = num_bins + index * (scan.shape[0] // num_bins)
+        while scan[row - num_bins] != smallest:
+            row += 1
+    nearest[index], returns[index] = smallest, is_return
+    points[index, 0] = smallest * directions[row, 0]
+    points[index, 1] = smallest * directions[row, 1]
 
 
 @kernel
@@ -24,36 +44,31 @@ def min_pool_kernel(ranges, directions, is_per_beam, limit, max_range, nearest, 
         scan = ranges[n]
         cleaned = np.empty_like(scan)
         for beam in range(num_beams):
-            is_return = (scan[beam] > 0.0) & (scan[beam] < limit)
-            cleaned[beam] = scan[beam] if is_return else max_range
+            cleaned[beam] = cleaned_range(scan[beam], limit, max_range)
         for index in range(num_bins):
-            smallest, row = max_range, index
+            smallest = max_range
             for beam in range(index * size, (index + 1) * size):
                 smallest = cleaned[beam] if cleaned[beam] < smallest else smallest
-            is_return = smallest < max_range
-            if is_per_beam and is_return:
-                row = num_bins + index * size
-                while scan[row - num_bins] != smallest:
-                    row += 1
-            nearest[n, index], returns[n, index] = smallest, is_return
-            points[n, index, 0] = smallest * directions[row, 0]
-            points[n, index, 1] = smallest * directions[row, 1]
+            write_bin(
+                scan, directions, is_per_beam, max_range, index, smallest,
+                nearest[n], points[n], returns[n],
+            )  # fmt: skip
 
 
 @functools.lru_cache(maxsize=16)
 def _directions(
-    num_beams: int, group_size: int, bearing: Bearing, dtype: torch.dtype
-) -> np.ndarray:
+    num_beams: int, group_size: int, bearing: Bearing, dtype: torch.dtype, device: torch.device
+) -> Tensor:
     """Return the directions [bins (+ beams), 2] that :func:`min_pool_kernel` reads."""
     angle = bin_centres(num_beams, group_size, dtype)
     if bearing == "beam":
         beam = torch.arange(num_beams)
         offset = beam_offsets(beam % group_size, num_beams, group_size, dtype)
         angle = torch.cat((angle, angle[beam // group_size] + offset))
-    return torch.stack((angle.cos(), angle.sin()), dim=-1).numpy()
+    return torch.stack((angle.cos(), angle.sin()), dim=-1).to(device)
 
 
-def min_pool_cpu(
+def pool(
     ranges: Tensor, group_size: int, max_range: float, bearing: Bearing
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Kernel behind :func:`navrl.ops.pooling.min_pool`: scans [S, beams] in."""
@@ -61,17 +76,16 @@ def min_pool_cpu(
     num_bins = num_beams // group_size
     nearest = ranges.new_empty(num_scans, num_bins)
     points = ranges.new_empty(num_scans, num_bins, 2)
-    returns = torch.empty(num_scans, num_bins, dtype=torch.bool)
-    beams = ranges.detach().contiguous().numpy()
-    real = beams.dtype.type
+    returns = ranges.new_empty(num_scans, num_bins, dtype=torch.bool)
+    real = np.float32 if ranges.dtype == torch.float32 else np.float64
     min_pool_kernel(
-        beams,
-        _directions(num_beams, group_size, bearing, ranges.dtype),
+        ranges.contiguous(),
+        _directions(num_beams, group_size, bearing, ranges.dtype, ranges.device),
         bearing == "beam",
         real(max_range - RETURN_MARGIN_M),
         real(max_range),
-        nearest.numpy(),
-        points.numpy(),
-        returns.numpy(),
+        nearest,
+        points,
+        returns,
     )
     return nearest, points, returns

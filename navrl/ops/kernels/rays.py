@@ -16,45 +16,37 @@ _EDGE = 1e-9  # beams; a beam through the common corner of two boxes must not sl
 
 
 @scalar
-def cast_face(out, cos, sin, distance, nx, ny, start_x, start_y, end_x, end_y):
-    """Write the ranges to one face seen from its outside.
+def write_face(face, num_beams, distance, nx, ny, start_x, start_y, end_x, end_y):
+    """Write a face seen from its outside as (distance, nx, ny, first beam, last beam).
 
     Args:
-        out: [beams] ranges so far.
-        cos, sin: [beams] tables of the beams' directions.
+        face: [5]; the last beam may lie beyond ``num_beams``, where they start again from 0.
+        num_beams: over the full circle.
         distance: of the scanner from the face's line, positive.
         nx, ny: unit normal pointing from the scanner to the face's line, scanner frame.
         start_x .. end_y: the face's corners in the scanner frame, counter-clockwise.
     """
-    num_beams = out.shape[0]
     beams_per_rad = num_beams / (2.0 * math.pi)
     start = math.atan2(start_y, start_x) * beams_per_rad
     end = math.atan2(end_y, end_x) * beams_per_rad
     if end < start:
         end += num_beams
-    first = math.ceil(start - _EDGE)
-    last = math.floor(end + _EDGE)
-    if first < 0:
-        first += num_beams
-        last += num_beams
-    _cast_interval(out, cos, sin, distance, nx, ny, first, min(last + 1, num_beams))
-    _cast_interval(out, cos, sin, distance, nx, ny, 0, last + 1 - num_beams)
+    turn = num_beams if math.ceil(start - _EDGE) < 0 else 0
+    face[0], face[1], face[2] = distance, nx, ny
+    face[3], face[4] = math.ceil(start - _EDGE) + turn, math.floor(end + _EDGE) + turn
 
 
 @scalar
-def _cast_interval(out, cos, sin, distance, nx, ny, first, stop):
-    for beam in range(first, stop):
-        towards = nx * cos[beam] + ny * sin[beam]
-        reach = np.float32(distance / towards)
-        if towards > 0.0 and reach < out[beam]:
-            out[beam] = reach
+def find_faces(
+    faces, num_beams, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
+):
+    """Write the faces that a box shows to a scanner to ``faces`` [2, 5], see :func:`write_face`.
 
+    The scanner is at (x, y) with the given heading, all world.
 
-@scalar
-def cast_box(out, cos, sin, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box):
-    """Write the ranges to one box from a scanner at (x, y) with the given heading, all world.
-
-    A box further than ``max_range`` writes nothing; a box around the scanner writes 0 everywhere.
+    Returns:
+        How many there are: none of a box further than ``max_range``, -1 for a box around the
+        scanner, which reads 0 everywhere.
     """
     dx, dy = cx - x, cy - y
     # the scanner in the box frame
@@ -63,32 +55,63 @@ def cast_box(out, cos, sin, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, c
     gap_x, gap_y = abs(qx) - hx, abs(qy) - hy
     outside_x, outside_y = max(gap_x, 0.0), max(gap_y, 0.0)
     if outside_x * outside_x + outside_y * outside_y >= max_range * max_range:
-        return
+        return 0
     if gap_x <= 0.0 and gap_y <= 0.0:
-        out[:] = 0.0
-        return
+        return -1
     # the box's centre and half axes in the scanner frame
     px, py = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
     ux, uy = cos_box * cos_yaw + sin_box * sin_yaw, sin_box * cos_yaw - cos_box * sin_yaw
+    count = 0
     if 0.0 < gap_x < max_range:
         side = math.copysign(1.0, qx)
         mx, my = px + side * hx * ux, py + side * hx * uy
         tx, ty = -side * hy * uy, side * hy * ux
         nx, ny = -side * ux, -side * uy
-        cast_face(out, cos, sin, gap_x, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
+        write_face(faces[count], num_beams, gap_x, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
+        count += 1
     if 0.0 < gap_y < max_range:
         side = math.copysign(1.0, qy)
         mx, my = px - side * hy * uy, py + side * hy * ux
         tx, ty = -side * hx * ux, -side * hx * uy
         nx, ny = side * uy, -side * ux
-        cast_face(out, cos, sin, gap_y, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
+        write_face(faces[count], num_beams, gap_y, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
+        count += 1
+    return count
+
+
+@scalar
+def cast_box(
+    out, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
+):
+    """Write the ranges to one box into ``out`` [beams]; ``faces`` [2, 5] is scratch."""
+    count = find_faces(
+        faces, out.shape[0], max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
+    )
+    if count < 0:
+        out[:] = 0.0
+    for index in range(count):
+        face = faces[index]
+        first, last = int(face[3]), int(face[4])
+        cast_interval(out, cos, sin, face, first, min(last + 1, out.shape[0]))
+        cast_interval(out, cos, sin, face, 0, last + 1 - out.shape[0])
+
+
+@scalar
+def cast_interval(out, cos, sin, face, first, stop):
+    """Write the ranges to one face into the beams ``first .. stop - 1`` of ``out``."""
+    distance, nx, ny = face[0], face[1], face[2]
+    for beam in range(first, stop):
+        towards = nx * cos[beam] + ny * sin[beam]
+        reach = np.float32(distance / towards)
+        if towards > 0.0 and reach < out[beam]:
+            out[beam] = reach
 
 
 @kernel
 def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
     """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
     for world in prange(out.shape[0]):
-        row = out[world]
+        row, faces = out[world], np.empty((2, 5))
         row[:] = max_range
         x, y, yaw = pose[world, 0], pose[world, 1], pose[world, 2]
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
@@ -98,5 +121,6 @@ def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
                 continue
             cos_box, sin_box = math.cos(turn), math.sin(turn)
             cast_box(
-                row, cos, sin, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
-            )
+                row, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw,
+                cx, cy, hx, hy, cos_box, sin_box,
+            )  # fmt: skip

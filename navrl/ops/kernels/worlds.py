@@ -207,27 +207,33 @@ def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, tick, durati
         place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * duration)
 
 
+@scalar
+def place_scanner(pose, mount):
+    """Return (x, y, cos, sin) of a lidar mounted at (x, y, yaw) on a robot."""
+    cos_robot, sin_robot = math.cos(pose[2]), math.sin(pose[2])
+    x = pose[0] + cos_robot * mount[0] - sin_robot * mount[1]
+    y = pose[1] + sin_robot * mount[0] + cos_robot * mount[1]
+    return x, y, math.cos(pose[2] + mount[2]), math.sin(pose[2] + mount[2])
+
+
 @kernel
 def scan_worlds_kernel(out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range):
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
     for index in prange(worlds.shape[0]):
-        n, row = worlds[index], out[index]
+        n, row, faces = worlds[index], out[index], np.empty((2, 5))
         row[:] = max_range
-        cos_robot, sin_robot = math.cos(pose[n, 2]), math.sin(pose[n, 2])
-        x = pose[n, 0] + cos_robot * mount[0] - sin_robot * mount[1]
-        y = pose[n, 1] + sin_robot * mount[0] + cos_robot * mount[1]
-        cos_yaw = math.cos(pose[n, 2] + mount[2])
-        sin_yaw = math.sin(pose[n, 2] + mount[2])
+        x, y, cos_yaw, sin_yaw = place_scanner(pose[n], mount)
         for wall in range(num_walls[n]):
             cx, cy, hx, hy, cos_box, sin_box = walls[n, wall]
             cast_box(
-                row, cos, sin, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
-            )
+                row, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw,
+                cx, cy, hx, hy, cos_box, sin_box,
+            )  # fmt: skip
         for pedestrian in range(boxes.shape[1]):
             cx, cy, hx, hy, turn = boxes[n, pedestrian]
             if not math.isnan(turn):
                 cos_box, sin_box = math.cos(turn), math.sin(turn)
                 cast_box(
-                    row, cos, sin, max_range, x, y, cos_yaw, sin_yaw,
+                    row, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw,
                     cx, cy, hx, hy, cos_box, sin_box,
                 )  # fmt: skip

@@ -1,0 +1,61 @@
+"""Ray casting, one block of threads a scanner.
+
+A thread first finds the faces that one box shows, then all threads go through all faces, each for
+the beams that are its own: no two threads write to the same place, so a scan is the same each time.
+"""
+
+import math
+
+from numba import cuda, float64, int32
+
+from navrl.ops.kernels.cuda.launch import block_per_row
+from navrl.ops.kernels.rays import cast_interval, find_faces
+
+THREADS = 128
+
+
+@cuda.jit(device=True)
+def fill(row, value):
+    """Write ``value`` to the beams that are this thread's own."""
+    for beam in range(cuda.threadIdx.x, row.shape[0], cuda.blockDim.x):
+        row[beam] = value
+
+
+@cuda.jit(device=True)
+def cast_faces(row, cos, sin, faces, counts, num_boxes):
+    """Cast the beams that are this thread's own on the faces listed by all threads.
+
+    ``faces`` [boxes, 2, 5] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
+    """
+    num_beams = row.shape[0]
+    for beam in range(cuda.threadIdx.x, num_beams, cuda.blockDim.x):
+        for box in range(num_boxes):
+            if counts[box] < 0:
+                row[beam] = 0.0
+            for index in range(counts[box]):
+                face = faces[box, index]
+                if face[3] <= beam <= face[4] or beam + num_beams <= face[4]:
+                    cast_interval(row, cos, sin, face, beam, beam + 1)
+
+
+@block_per_row(THREADS)
+def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
+    """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
+    n, lane, width = cuda.blockIdx.x, cuda.threadIdx.x, cuda.blockDim.x
+    faces = cuda.shared.array((THREADS, 2, 5), float64)
+    counts = cuda.shared.array(THREADS, int32)
+    x, y, yaw = pose[n, 0], pose[n, 1], pose[n, 2]
+    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+    fill(out[n], max_range)
+    for first in range(0, num_boxes[n], width):
+        counts[lane] = 0
+        if first + lane < num_boxes[n]:
+            cx, cy, hx, hy, turn = boxes[n, first + lane]
+            if not math.isnan(cx + cy + hx + hy + turn):
+                counts[lane] = find_faces(
+                    faces[lane], out.shape[1], max_range, x, y, cos_yaw, sin_yaw,
+                    cx, cy, hx, hy, math.cos(turn), math.sin(turn),
+                )  # fmt: skip
+        cuda.syncthreads()
+        cast_faces(out[n], cos, sin, faces, counts, min(width, num_boxes[n] - first))
+        cuda.syncthreads()

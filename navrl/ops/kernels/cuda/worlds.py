@@ -1,0 +1,66 @@
+"""Stepping worlds, a thread for each, and scanning them, a block of threads for each."""
+
+import math
+
+from numba import cuda, float64, int32
+
+from navrl.ops.contact import NONE
+from navrl.ops.kernels.cuda.launch import block_per_row, thread_per_row
+from navrl.ops.kernels.cuda.rays import THREADS, cast_faces, fill
+from navrl.ops.kernels.rays import find_faces
+from navrl.ops.kernels.worlds import place_pedestrians, place_scanner, step_world
+
+
+@thread_per_row
+def step_worlds_kernel(
+    pose, velocity, tick, contact, command, drive, timing,
+    walls, num_walls, route, route_arc, walk, boxes, near,
+):  # fmt: skip
+    """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
+    n = cuda.grid(1)
+    if n < pose.shape[0] and contact[n] == NONE:
+        tick[n], contact[n] = step_world(
+            pose[n], velocity[n], tick[n], command[n], drive, timing,
+            walls[n], num_walls[n], route[n], route_arc[n], walk[n], boxes[n], near[n],
+        )  # fmt: skip
+        place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * timing[0])
+
+
+@thread_per_row
+def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, tick, duration):
+    """Place the pedestrians of the listed worlds at their current time."""
+    index = cuda.grid(1)
+    if index < worlds.shape[0]:
+        n = worlds[index]
+        place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * duration)
+
+
+@block_per_row(THREADS)
+def scan_worlds_kernel(out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range):
+    """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
+    row, n = out[cuda.blockIdx.x], worlds[cuda.blockIdx.x]
+    lane, width = cuda.threadIdx.x, cuda.blockDim.x
+    faces = cuda.shared.array((THREADS, 2, 5), float64)
+    counts = cuda.shared.array(THREADS, int32)
+    x, y, cos_yaw, sin_yaw = place_scanner(pose[n], mount)
+    fill(row, max_range)
+    num_boxes = num_walls[n] + boxes.shape[1]
+    for first in range(0, num_boxes, width):
+        box = first + lane
+        counts[lane] = 0
+        if box < num_walls[n]:
+            cx, cy, hx, hy, cos_box, sin_box = walls[n, box]
+            counts[lane] = find_faces(
+                faces[lane], row.shape[0], max_range, x, y, cos_yaw, sin_yaw,
+                cx, cy, hx, hy, cos_box, sin_box,
+            )  # fmt: skip
+        elif box < num_boxes:
+            cx, cy, hx, hy, turn = boxes[n, box - num_walls[n]]
+            if not math.isnan(turn):
+                counts[lane] = find_faces(
+                    faces[lane], row.shape[0], max_range, x, y, cos_yaw, sin_yaw,
+                    cx, cy, hx, hy, math.cos(turn), math.sin(turn),
+                )  # fmt: skip
+        cuda.syncthreads()
+        cast_faces(row, cos, sin, faces, counts, min(width, num_boxes - first))
+        cuda.syncthreads()
