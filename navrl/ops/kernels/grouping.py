@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import torch
-from numba import prange
 from torch import Tensor
 
 from navrl.ops.grouping import SECTOR_TOLERANCE_RAD
@@ -102,7 +101,7 @@ def cos_half_sector(num_groups):
 
 @kernel
 def tagd_kernel(
-    points, returns, previous_points, previous_returns, rays, radius, max_range,
+    rows, points, returns, previous_points, previous_returns, rays, radius, max_range,
     now_is_center, previous_fill, zero_without_returns, descriptors, valid,
 ):  # fmt: skip
     """Write descriptors [S, N_c, 4] and their validity [S, N_c, 2]; ``rays`` is [N_c, 2].
@@ -111,7 +110,7 @@ def tagd_kernel(
     """
     num_groups = rays.shape[0]
     cosine = cos_half_sector(num_groups)
-    for n in prange(points.shape[0]):
+    for n in range(rows[0], rows[1]):
         now, before = np.empty((3, points.shape[1])), np.empty((3, previous_points.shape[1]))
         has_now = write_rows(points[n], returns[n], now)
         has_before = write_rows(previous_points[n], previous_returns[n], before)

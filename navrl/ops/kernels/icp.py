@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 import torch
-from numba import prange
 from torch import Tensor
 
 from navrl.ops.icp import DAMPING, SLIDE_WEIGHT, IcpOptions
@@ -255,7 +254,7 @@ def iterate(
 
 @kernel
 def align_kernel(
-    source, source_returns, target, target_returns, use_search, use_lines, limits,
+    rows, source, source_returns, target, target_returns, use_search, use_lines, limits,
     max_iterations, min_pairs, motion, converged, inliers, rmse, iterations,
 ):  # fmt: skip
     """Align scan n of ``source`` [S, N, 2] with scan n of ``target`` [S, M, 2].
@@ -263,7 +262,7 @@ def align_kernel(
     ``limits`` is (gate, robust scale, rotation tolerance, translation tolerance, search range).
     """
     num_source, num_target = source.shape[1], target.shape[1]
-    for n in prange(source.shape[0]):
+    for n in range(rows[0], rows[1]):
         source_rows = np.empty((3, num_source))
         target_rows = np.empty((3, 3 * num_target))
         unrolled = np.empty((4, 3 * num_target), dtype=np.float32)
