@@ -25,11 +25,12 @@ _TURN = 2.0 * math.pi
 
 @scalar
 def write_rows(points, returns, rows):
-    """Write x, y and the weight, 1 for a return and 0 for none, to ``rows`` [3, N]."""
+    """Write x, y and the weight, 1 for a finite return and 0 for none, to ``rows`` [3, N]."""
     for index in range(returns.shape[0]):
-        is_return = returns[index]
-        rows[0, index] = points[index, 0] if is_return else 0.0
-        rows[1, index] = points[index, 1] if is_return else 0.0
+        x, y = points[index, 0], points[index, 1]
+        is_return = returns[index] & math.isfinite(x) & math.isfinite(y)
+        rows[0, index] = x if is_return else 0.0
+        rows[1, index] = y if is_return else 0.0
         rows[2, index] = 1.0 if is_return else 0.0
 
 
@@ -108,7 +109,7 @@ def gather(rows, columns, gathered):
     for row in range(rows.shape[0]):
         values, copies = rows[row], gathered[row]
         for index in range(columns.shape[0]):
-            copies[index] = values[columns[index]]
+            copies[index] = values[np.uint32(columns[index])]  # none counts from the end
 
 
 @reordering_scalar
@@ -270,7 +271,7 @@ def align_kernel(
         write_rows(source[n], source_returns[n], source_rows)
         write_rows(target[n], target_returns[n], target_rows)
         repeat(target_rows)
-        unroll(target[n], target_returns[n], unrolled)
+        unroll(target[n], target_rows[2], unrolled)
         is_windowed = num_source == num_target and is_ordered(target[n])
         motion[n] = 0.0
         if use_search:
