@@ -25,13 +25,19 @@ _TURN = 2.0 * math.pi
 
 @scalar
 def write_rows(points, returns, rows):
-    """Write x, y and the weight, 1 for a finite return and 0 for none, to ``rows`` [3, N]."""
+    """Write x, y and the weight, 1 for a finite return and 0 for none, to ``rows`` [3, N].
+
+    In two loops, without a branch: the compiler makes vector instructions of both.
+    """
+    xs, ys, weights = rows[0], rows[1], rows[2]
     for index in range(returns.shape[0]):
-        x, y = points[index, 0], points[index, 1]
-        is_return = returns[index] & math.isfinite(x) & math.isfinite(y)
-        rows[0, index] = x if is_return else 0.0
-        rows[1, index] = y if is_return else 0.0
-        rows[2, index] = 1.0 if is_return else 0.0
+        xs[index], ys[index] = points[index, 0], points[index, 1]
+    for index in range(returns.shape[0]):
+        x, y = xs[index], ys[index]
+        is_return = abs(x) + abs(y) < (math.inf if returns[index] else 0.0)
+        xs[index] = x if is_return else 0.0
+        ys[index] = y if is_return else 0.0
+        weights[index] = 1.0 if is_return else 0.0
 
 
 @scalar
