@@ -115,7 +115,8 @@ class Replay:
             self._streams[stream] = self._n_step()
         compact = self._compact(transitions)
         if self.device.type != "cpu":
-            compact = compact.to(self.device, non_blocking=True)
+            # Without a device of its own, so that TorchRL's indices stay on the CPU: it reads them.
+            compact = compact.to(self.device, non_blocking=True).clear_device_()
         complete = self._streams[stream](compact)
         if complete is not None:
             self._buffer.extend(complete)
