@@ -191,6 +191,7 @@ def _on_bullet(cfg: DictConfig) -> DictConfig:
     """Return the same configuration on the reference simulator."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)
+    copy.device = "cpu"  # PyBullet has no other
     copy.simulator = compose("train", ["simulator=bullet"]).simulator
     return copy
 
