@@ -158,5 +158,9 @@ def assert_same(name, results, expected):
     for key, value in results.items():
         tolerance = 0.0 if name in EXACT or not value.is_floating_point() else 1e-5
         torch.testing.assert_close(
-            value, expected[key], atol=tolerance, rtol=0, msg=lambda m, key=key: f"{name} {key}: {m}"
+            value,
+            expected[key],
+            atol=tolerance,
+            rtol=0,
+            msg=lambda m, key=key: f"{name} {key}: {m}",
         )

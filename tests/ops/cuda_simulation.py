@@ -23,4 +23,6 @@ def launch_small(kernel, *arguments):
 
 
 CudaKernel.__call__ = launch_small
-torch.save({"results": {n: case("cpu") for n, case in CASES.items()}, "launched": launched}, sys.argv[1])
+torch.save(
+    {"results": {n: case("cpu") for n, case in CASES.items()}, "launched": launched}, sys.argv[1]
+)

@@ -67,7 +67,9 @@ def runs_on_cuda(argument: object) -> bool:
 
 def as_array(argument: object) -> object:
     """Return the numpy view of a tensor, everything else as it is."""
-    return argument.numpy(force=argument.requires_grad) if isinstance(argument, Tensor) else argument
+    return (
+        argument.numpy(force=argument.requires_grad) if isinstance(argument, Tensor) else argument
+    )
 
 
 @functools.cache
