@@ -1,4 +1,4 @@
-"""What surrounds a sweep: which policies ``all`` are, and one table when every job is done.
+"""What surrounds a sweep: what ``policy=all`` means, how jobs are called, one table at the end.
 
 Hydra calls these before and after the jobs of ``-m``; the config names them as its callbacks.
 """
@@ -10,6 +10,7 @@ import logging
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, read_write
 
@@ -33,6 +34,22 @@ class ExpandPolicies(Callback):
         overrides = list(config.hydra.overrides.task)
         with read_write(config.hydra.overrides):
             config.hydra.overrides.task = [_expanded(override) for override in overrides]
+
+
+class NameJobs(Callback):
+    """Call a job's folder only by what differs between jobs.
+
+    What all jobs share would make every name long and tell none from another.
+    """
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Leave the overrides that are no choice out of ``hydra.job.override_dirname``."""
+        parsed = OverridesParser.create().parse_overrides(list(config.hydra.overrides.task))
+        shared = [override.key_or_group for override in parsed if not override.is_sweep_override()]
+        key = "hydra.job.config.override_dirname.exclude_keys"
+        left_out = [*config.hydra.job.config.override_dirname.exclude_keys, *shared]
+        with read_write(config.hydra.overrides):
+            config.hydra.overrides.hydra.append(f"{key}=[{','.join(map(repr, left_out))}]")
 
 
 class CompareEvaluations(Callback):
