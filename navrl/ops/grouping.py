@@ -85,11 +85,11 @@ def tagd(
         previous_points=previous_points,
         previous_returns=previous_returns,
     )
-    returns = finite_returns(points, returns)
-    previous_returns = finite_returns(previous_points, previous_returns)
     if is_compiled(backend, points, returns, previous_points, previous_returns):
         options = (num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
         return _tagd_compiled((points, returns, previous_points, previous_returns), options)
+    returns = finite_returns(points, returns)
+    previous_returns = finite_returns(previous_points, previous_returns)
     points = torch.where(returns.unsqueeze(-1), points, 0.0)
     previous_points = torch.where(previous_returns.unsqueeze(-1), previous_points, 0.0)
     center = group_centers(points, returns, num_groups, max_range)

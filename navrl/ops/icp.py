@@ -135,12 +135,12 @@ def align(
         rotation search and the point-to-line stage are additions.
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
-    source_returns = finite_returns(source_points, source_returns)
-    target_returns = finite_returns(target_points, target_returns)
     if is_compiled(backend, source_points, source_returns, target_points, target_returns):
         return _align_compiled(
             source_points, source_returns, target_points, target_returns, options
         )
+    source_returns = finite_returns(source_points, source_returns)
+    target_returns = finite_returns(target_points, target_returns)
     batch, num_source = source_points.shape[:-2], source_points.shape[-2]
     scans = (
         torch.where(source_returns.unsqueeze(-1), source_points, 0.0).reshape(-1, num_source, 2),

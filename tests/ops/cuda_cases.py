@@ -132,6 +132,11 @@ def alignments(device, **size):
     return {name: value.cpu() for name, value in results.items()}
 
 
+def alignments_single(device):
+    """In the precision that the transforms align in."""
+    return alignments(device, dtype=torch.float32)
+
+
 def descriptors(device, **size):
     """With all ways to fill empty groups, and with scans that saw nothing."""
     source, returns, target, target_returns = scan_pairs(device, **size)
@@ -145,9 +150,25 @@ def descriptors(device, **size):
     return results
 
 
+def descriptors_single(device):
+    """In the precision that the transforms group in."""
+    return descriptors(device, dtype=torch.float32)
+
+
 CASES = {
     case.__name__: case
-    for case in (worlds, wheeled_worlds, rays, noise, pooling, paths, alignments, descriptors)
+    for case in (
+        worlds,
+        wheeled_worlds,
+        rays,
+        noise,
+        pooling,
+        paths,
+        alignments,
+        alignments_single,
+        descriptors,
+        descriptors_single,
+    )
 }
 EXACT = {"noise", "pooling"}
 

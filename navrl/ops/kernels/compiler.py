@@ -6,13 +6,13 @@ import importlib
 import logging
 import os
 import tempfile
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import numba
-import torch
 from torch import Tensor
+
+from navrl.ops.kernels.threads import run_rows
 
 LOG = logging.getLogger(__name__)
 _OPS = Path(__file__).parents[1]
@@ -29,33 +29,27 @@ def reordering_scalar(function: Callable) -> Callable:
 
 
 def kernel(function: Callable) -> Callable:
-    """Compile a loop over worlds (``numba.prange``) at its first call and cache it on disk.
+    """Compile a loop over rows, at its first call, and cache it on disk.
 
-    The kernel runs on as many threads as torch does (``torch.set_num_threads``,
-    ``OMP_NUM_THREADS``), so one setting governs both and workers of ``ParallelEnv`` stay on one.
-    A single thread runs the loop in place: no hand-over to a worker, safe in any thread and after
-    any fork.
+    The function's first parameter is ``rows``, the (first, last + 1) that it is to work on; who
+    calls the kernel leaves it out, and all rows of the first argument are shared among threads
+    (:mod:`navrl.ops.kernels.threads`).
 
     Arguments are tensors, arrays and numbers; the first one is a tensor or an array. With tensors
     on a CUDA device the kernel of the same module and name in :mod:`navrl.ops.kernels.cuda` runs.
     """
-    dispatchers = {}
+
+    @functools.cache
+    def compiled() -> Callable:
+        jit = numba.njit(nogil=True, cache=True, error_model="numpy")
+        return cached(function, jit, "cpu")
 
     @functools.wraps(function)
     def launch(*arguments):
         if runs_on_cuda(arguments[0]):
             return _cuda_form(function)(*arguments)
-        arguments = [as_array(argument) for argument in arguments]
-        num_threads = min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS)
-        is_parallel = num_threads > 1
-        if is_parallel not in dispatchers:
-            dispatchers[is_parallel] = _dispatcher(function, is_parallel)
-        if not is_parallel:
-            return dispatchers[False](*arguments)
-        with _POOL:
-            if numba.get_num_threads() != num_threads:
-                numba.set_num_threads(num_threads)
-            return dispatchers[True](*arguments)
+        arguments = tuple(as_array(argument) for argument in arguments)
+        return run_rows(compiled(), arguments[0].shape[0], arguments)
 
     return launch
 
@@ -78,12 +72,6 @@ def _cuda_form(function: Callable) -> Callable:
     return getattr(importlib.import_module(f"{package}.cuda.{module}"), function.__name__)
 
 
-def _dispatcher(function: Callable, is_parallel: bool) -> Callable:
-    """Prepare one form of a CPU kernel."""
-    jit = numba.njit(parallel=is_parallel, cache=True, error_model="numpy")
-    return cached(function, jit, "parallel" if is_parallel else "serial")
-
-
 def cached(function: Callable, jit: Callable, form: str) -> Callable:
     """Compile a kernel by ``jit`` with its code on disk; say so if it is yet to be compiled."""
     directory = Path(cache_directory()) / form
@@ -95,33 +83,6 @@ def cached(function: Callable, jit: Callable, form: str) -> Callable:
     if not any(directory.rglob(f"*.{function.__name__}-*.nbi")):
         LOG.warning("compiling %s once, some seconds; kept in %s", function.__name__, directory)
     return dispatcher
-
-
-class _Pool:
-    """Numba's threads, one launch at a time.
-
-    Numba's own pool ("workqueue") survives a fork, which GNU OpenMP does not (the child is killed),
-    but aborts the process when two Python threads launch at once; hence a lock, new in each child.
-    """
-
-    def __init__(self) -> None:
-        if numba.config.THREADING_LAYER == "default":  # respect who has chosen
-            numba.config.THREADING_LAYER = "workqueue"
-        self._lock = threading.Lock()
-        if hasattr(os, "register_at_fork"):  # not on Windows
-            os.register_at_fork(after_in_child=self._renew)
-
-    def _renew(self) -> None:
-        self._lock = threading.Lock()
-
-    def __enter__(self) -> None:
-        self._lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
-
-
-_POOL = _Pool()
 
 
 @functools.cache

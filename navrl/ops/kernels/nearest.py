@@ -3,8 +3,8 @@
 Turned by the motion's yaw, point i of one scan has its nearest neighbour among a few points around
 index i of the other. A window of them is searched for all points at once (the compiler turns this
 into vector instructions). Then each result is proved: the target's points outside of the window lie
-beyond the two rays that bound it, so none is nearer than the point's distance to these rays. Points
-without a proof are searched in full.
+beyond the two rays that bound it, so none is nearer than the point's distance to these rays. If
+many points have no proof, the window is widened for all; the few left are searched in full.
 """
 
 import math
@@ -14,6 +14,9 @@ import numpy as np
 from navrl.ops.kernels.compiler import scalar
 
 WINDOW = 17  # points; at 2 deg a point this is +-16 deg around the expected bearing
+MARGIN = 8  # points by which the window is widened on both sides
+MANY = 6  # points; to search more of them in full takes longer than to widen the window for all
+SMALLEST = 3 * WINDOW  # points of a scan that is searched by windows
 FAR = np.float32(1e9)  # m; where points that are no returns are put
 PROOF = np.float32(0.999)  # keeps a proof in single precision on the safe side
 
@@ -46,56 +49,66 @@ def repeat(rows):
 
 
 @scalar
-def write_directed(points, returns, rows):
+def write_directed(points, weights, rows):
     """Write x, y and unit direction of the target to the first M columns of ``rows`` float32."""
     for index in range(points.shape[0]):
         x, y = np.float32(points[index, 0]), np.float32(points[index, 1])
         scale = np.float32(1.0) / math.sqrt(x * x + y * y)
-        rows[0, index] = x if returns[index] else FAR
-        rows[1, index] = y if returns[index] else FAR
+        rows[0, index] = x if weights[index] > 0.0 else FAR
+        rows[1, index] = y if weights[index] > 0.0 else FAR
         rows[2, index] = x * scale
         rows[3, index] = y * scale
 
 
 @scalar
-def unroll(points, returns, rows):
+def unroll(points, weights, rows):
     """Write three rounds of the target to ``rows`` [4, 3 M] float32: x, y and unit direction."""
-    write_directed(points, returns, rows)
+    write_directed(points, weights, rows)
     repeat(rows)
 
 
 @scalar
 def first_column(shift, num_target):
-    """Return where the window of point 0 starts in the unrolled target."""
-    return 1 + (shift - WINDOW // 2 - 1) % num_target
+    """Return where the window of point 0 starts in the unrolled target, with room ahead of it."""
+    room = num_target // 3
+    return room + (shift - WINDOW // 2 - room) % num_target
+
+
+def column_search(width):
+    """Make a search of ``width`` columns; the compiler unrolls up to some twenty of them."""
+
+    @scalar
+    def search_columns(x, y, target_x, target_y, first, squared, match):
+        """Lower the smallest squared distance, and write its column, for points [N] float32.
+
+        Point i is compared with the columns ``first + i .. first + i + width - 1`` of the target.
+        """
+        near_x, near_y = target_x[first:], target_y[first:]
+        for index in range(x.shape[0]):
+            own_x, own_y = x[index], y[index]
+            smallest, column = squared[index], match[index]
+            for offset in range(width):
+                dx, dy = own_x - near_x[index + offset], own_y - near_y[index + offset]
+                candidate = dx * dx + dy * dy
+                is_nearer = candidate < smallest
+                smallest = candidate if is_nearer else smallest
+                column = np.int32(first + index + offset) if is_nearer else column
+            squared[index], match[index] = smallest, column
+
+    return search_columns
+
+
+search_window, search_margin = column_search(WINDOW), column_search(MARGIN)
 
 
 @scalar
-def search_window(x, y, target_x, target_y, first, width, squared, match):
-    """Write the smallest squared distance, and the column where it is, for points [N] float32.
-
-    Point i is compared with the columns ``first + i .. first + i + width - 1`` of the target.
-    """
-    count = x.shape[0]
-    squared[:] = np.float32(np.inf)
-    for offset in range(first, first + width):
-        near_x, near_y = target_x[offset : offset + count], target_y[offset : offset + count]
-        column = np.int32(offset)
-        for index in range(count):
-            dx, dy = x[index] - near_x[index], y[index] - near_y[index]
-            candidate = dx * dx + dy * dy
-            is_nearer = candidate < squared[index]
-            squared[index] = candidate if is_nearer else squared[index]
-            match[index] = column if is_nearer else match[index]
-    for index in range(count):
-        match[index] += np.int32(index)
-
-
-@scalar
-def find_unproved(x, y, direction_x, direction_y, first, width, gate_squared, squared, unproved):
+def find_unproved(
+    x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unproved
+):
     """Flag the points whose window may miss their nearest neighbour; return how many.
 
-    A neighbour beyond the gate is as good as none, so a proof up to the gate is enough.
+    A neighbour beyond the gate is as good as none, so a proof up to the gate is enough; a point
+    that weighs nothing needs none.
     """
     count = x.shape[0]
     low_x, low_y = direction_x[first - 1 :], direction_y[first - 1 :]
@@ -111,7 +124,7 @@ def find_unproved(x, y, direction_x, direction_y, first, width, gate_squared, sq
         high = below_high * below_high if high_x[index] * px + high_y[index] * py > 0.0 else reach
         bound = PROOF * min(low, high)
         needed = min(squared[index], gate_squared)
-        is_unproved = not (is_inside and needed <= bound)
+        is_unproved = weights[index] > 0.0 and not (is_inside and needed <= bound)
         unproved[index] = is_unproved
         total += is_unproved
     return total
@@ -138,6 +151,26 @@ def search_all(x, y, target_x, target_y, distances):
 
 
 @scalar
+def search_windows(points, weights, shift, target, gate, squared, match, flags):
+    """Search windows, widened at need; flag the points without proof and return how many."""
+    x, y, target_x, target_y = points[0], points[1], target[0], target[1]
+    num_target = target.shape[1] // 3
+    first, width = first_column(shift, num_target), WINDOW
+    squared[:] = np.float32(np.inf)
+    search_window(x, y, target_x, target_y, first, squared, match)
+    while True:
+        total = find_unproved(
+            x, y, weights, target[2], target[3], first, width, gate * gate, squared, flags
+        )
+        width += 2 * MARGIN
+        if total <= MANY or width > num_target // 2:  # beyond half a turn nothing can be proved
+            return total
+        search_margin(x, y, target_x, target_y, first - MARGIN, squared, match)
+        search_margin(x, y, target_x, target_y, first + width - 2 * MARGIN, squared, match)
+        first -= MARGIN
+
+
+@scalar
 def find_nearest(points, weights, shift, target, is_windowed, gate, squared, match, flags):
     """Write squared distance and column of each point's nearest neighbour within the gate.
 
@@ -151,22 +184,16 @@ def find_nearest(points, weights, shift, target, is_windowed, gate, squared, mat
         squared, match: [N] float32 and int32, written.
         flags: [N] int32, scratch.
     """
-    num_source, num_target = points.shape[1], target.shape[1] // 3
-    x, y, target_x, target_y = points[0], points[1], target[0], target[1]
-    if not is_windowed or num_target < WINDOW + 2:
-        flags[:] = 1
-    else:
-        first = first_column(shift, num_target)
-        search_window(x, y, target_x, target_y, first, WINDOW, squared, match)
-        gate_squared = np.float32(gate * gate)
-        num_unproved = find_unproved(
-            x, y, target[2], target[3], first, WINDOW, gate_squared, squared, flags
-        )
-        if num_unproved == 0:
+    num_target = target.shape[1] // 3
+    if is_windowed and num_target >= SMALLEST:
+        gate = np.float32(gate)
+        if search_windows(points, weights, shift, target, gate, squared, match, flags) == 0:
             return
+    else:
+        flags[:] = 1
     distances = np.empty(num_target, dtype=np.float32)
-    for index in range(num_source):
+    for index in range(points.shape[1]):
         if flags[index] != 0 and weights[index] > 0.0:
             squared[index], match[index] = search_all(
-                x[index], y[index], target_x, target_y, distances
+                points[0, index], points[1, index], target[0], target[1], distances
             )

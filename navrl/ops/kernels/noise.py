@@ -2,7 +2,6 @@
 
 import numpy as np
 import torch
-from numba import prange
 from torch import Tensor
 
 from navrl.ops.kernels.compiler import kernel, scalar
@@ -61,9 +60,9 @@ def add_to_ranges(ranges, out, max_range, max_hit):
 
 
 @kernel
-def add_range_noise_kernel(ranges, out, seed, step, table, max_range, max_hit):
+def add_range_noise_kernel(rows, ranges, out, seed, step, table, max_range, max_hit):
     """Noisy scans of all worlds."""
-    for world in prange(ranges.shape[0]):
+    for world in range(rows[0], rows[1]):
         key = scan_key(seed[world], step[world])
         draw_noise(out[world], key, table, 0, out.shape[1] // 4 + 1)
         add_to_ranges(ranges[world], out[world], max_range, max_hit)  # still in cache

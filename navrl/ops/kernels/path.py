@@ -2,8 +2,6 @@
 
 import math
 
-from numba import prange
-
 from navrl.ops.kernels.compiler import kernel, scalar
 
 
@@ -56,18 +54,18 @@ def find_point(path, arc):
 
 
 @kernel
-def project_kernel(progress, distance, path, position, previous, ahead, behind):
+def project_kernel(rows, progress, distance, path, position, previous, ahead, behind):
     """Write where each position lies on its path; NaN ``previous`` searches all of it.
 
     Arrays: progress, distance, previous [N]; path [N, P, 2]; position [N, 2].
     """
-    for n in prange(path.shape[0]):
+    for n in range(rows[0], rows[1]):
         progress[n], distance[n] = project(path[n], position[n], previous[n], ahead, behind)
 
 
 @kernel
-def points_at_kernel(points, path, arcs):
+def points_at_kernel(rows, points, path, arcs):
     """Write the points [N, K, 2] at ``arcs`` [N, K], in any order, along paths [N, P, 2]."""
-    for n in prange(path.shape[0]):
+    for n in range(rows[0], rows[1]):
         for j in range(arcs.shape[1]):
             points[n, j, 0], points[n, j, 1] = find_point(path[n], arcs[n, j])

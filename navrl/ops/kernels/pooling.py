@@ -4,7 +4,6 @@ import functools
 
 import numpy as np
 import torch
-from numba import prange
 from torch import Tensor
 
 from navrl.ops.kernels.compiler import kernel, scalar
@@ -32,7 +31,9 @@ def write_bin(scan, directions, is_per_beam, max_range, index, smallest, nearest
 
 
 @kernel
-def min_pool_kernel(ranges, directions, is_per_beam, limit, max_range, nearest, points, returns):
+def min_pool_kernel(
+    rows, ranges, directions, is_per_beam, limit, max_range, nearest, points, returns
+):
     """Pool the beams of each scan [S, beams] into bins, in the dtype of ``ranges``.
 
     ``directions`` are those of the bins [bins, 2], and after them, if a point is to be drawn along
@@ -40,7 +41,7 @@ def min_pool_kernel(ranges, directions, is_per_beam, limit, max_range, nearest, 
     """
     num_beams, num_bins = ranges.shape[1], nearest.shape[1]
     size = num_beams // num_bins
-    for n in prange(ranges.shape[0]):
+    for n in range(rows[0], rows[1]):
         scan = ranges[n]
         cleaned = np.empty_like(scan)
         for beam in range(num_beams):

@@ -8,7 +8,6 @@ covers, instead of one slab test per beam and box.
 import math
 
 import numpy as np
-from numba import prange
 
 from navrl.ops.kernels.compiler import kernel, scalar
 
@@ -108,9 +107,9 @@ def cast_interval(out, cos, sin, face, first, stop):
 
 
 @kernel
-def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
+def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, max_range):
     """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
-    for world in prange(out.shape[0]):
+    for world in range(rows[0], rows[1]):
         row, faces = out[world], np.empty((2, 5))
         row[:] = max_range
         x, y, yaw = pose[world, 0], pose[world, 1], pose[world, 2]

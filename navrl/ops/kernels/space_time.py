@@ -23,7 +23,6 @@ import heapq
 import math
 
 import numpy as np
-from numba import prange
 
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.worlds import box_distance
@@ -129,11 +128,11 @@ def search(
 
 @kernel
 def plan_kernel(
-    start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
+    rows, start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
     primitives, offsets, bins, reach, goal_radius, cell, greed, max_nodes, plan, code, steps, nodes,
 ):  # fmt: skip
     """Search every query; fills plan [S, T], code, steps and nodes [S]."""
-    for s in prange(start.shape[0]):
+    for s in range(rows[0], rows[1]):
         code[s], steps[s], nodes[s] = search(
             start[s], goal[s], walls[s], num_walls[s], people[s], origin[s], clearance[s],
             steps_to_go[s], primitives, offsets, bins, reach, goal_radius, cell, greed,

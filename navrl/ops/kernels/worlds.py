@@ -18,7 +18,6 @@ boxes      [N, K, 5]   where the pedestrians are now; NaN rows where absent
 import math
 
 import numpy as np
-from numba import prange
 
 from navrl.ops import contact as contacts
 from navrl.ops import unicycle
@@ -177,11 +176,11 @@ def step_world(
 
 @kernel
 def step_worlds_kernel(
-    pose, velocity, tick, contact, command, drive, timing,
+    rows, pose, velocity, tick, contact, command, drive, timing,
     walls, num_walls, route, route_arc, walk, boxes, near,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
-    for n in prange(pose.shape[0]):
+    for n in range(rows[0], rows[1]):
         if contact[n] == NONE:
             tick[n], contact[n] = step_world(
                 pose[n], velocity[n], tick[n], command[n], drive, timing,
@@ -200,9 +199,9 @@ def place_pedestrians(boxes, route, arc, walk, time_s):
 
 
 @kernel
-def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, tick, duration):
+def place_pedestrians_kernel(rows, worlds, boxes, route, route_arc, walk, tick, duration):
     """Place the pedestrians of the listed worlds at their current time."""
-    for index in prange(worlds.shape[0]):
+    for index in range(rows[0], rows[1]):
         n = worlds[index]
         place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * duration)
 
@@ -217,9 +216,11 @@ def place_scanner(pose, mount):
 
 
 @kernel
-def scan_worlds_kernel(out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range):
+def scan_worlds_kernel(
+    rows, out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range
+):
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
-    for index in prange(worlds.shape[0]):
+    for index in range(rows[0], rows[1]):
         n, row, faces = worlds[index], out[index], np.empty((2, 5))
         row[:] = max_range
         x, y, cos_yaw, sin_yaw = place_scanner(pose[n], mount)

@@ -5,7 +5,7 @@ from torch import Tensor
 
 from navrl.ops.kernels.cuda.block import num_blocks, own_columns
 from navrl.ops.kernels.cuda.launch import block_per_row
-from navrl.ops.kernels.grouping import clipped, cos_half_sector, describe, write_rows
+from navrl.ops.kernels.grouping import clipped, cos_half_sector, describe, has_return, write_rows
 
 THREADS = 32
 
@@ -29,12 +29,13 @@ def describe_kernel(
     first, stop = own_columns(num_now)
     first_before, stop_before = own_columns(num_before)
     for n in range(block, points.shape[0], cuda.gridDim.x):
-        has_any = write_rows(points[n, first:stop], returns[n, first:stop], now[:, first:stop])
-        has_any |= write_rows(
+        write_rows(points[n, first:stop], returns[n, first:stop], now[:, first:stop])
+        write_rows(
             previous_points[n, first_before:stop_before],
             previous_returns[n, first_before:stop_before],
             before[:, first_before:stop_before],
         )
+        has_any = has_return(now[:, first:stop]) or has_return(before[:, first_before:stop_before])
         is_empty = not cuda.syncthreads_or(int32(has_any))
         for group in range(cuda.threadIdx.x, num_groups, cuda.blockDim.x):
             ray_x, ray_y = rays[group, 0], rays[group, 1]

@@ -30,6 +30,7 @@ from navrl.ops.kernels.icp import (
 )
 from navrl.ops.kernels.lines import continue_rows, sum_neighbours, write_lines
 from navrl.ops.kernels.nearest import (
+    SMALLEST,
     WINDOW,
     find_unproved,
     first_column,
@@ -92,10 +93,11 @@ def find_own_nearest(points, weights, first, shift, target, is_windowed, gate, s
     num_target = target.shape[1] // 3
     x, y, match, flags = points[0], points[1], whole[0], whole[1]
     flags[:] = 1
-    if is_windowed and num_target >= WINDOW + 2:
+    if is_windowed and num_target >= SMALLEST:
         start, ahead = first_column(shift, num_target), target[:, first:]
-        search_window(x, y, ahead[0], ahead[1], start, WINDOW, squared, match)
-        find_unproved(x, y, ahead[2], ahead[3], start, WINDOW, gate * gate, squared, flags)
+        squared[:] = math.inf
+        search_window(x, y, ahead[0], ahead[1], start, squared, match)
+        find_unproved(x, y, weights, ahead[2], ahead[3], start, WINDOW, gate * gate, squared, flags)
     for index in range(x.shape[0]):
         match[index] += first
         if flags[index] != 0:
@@ -163,7 +165,7 @@ def prepare(source, source_returns, target, target_returns, source_rows, target_
     count = target.shape[0]
     first, stop = own_columns(count)
     write_rows(target[first:stop], target_returns[first:stop], target_rows[:, first:stop])
-    write_directed(target[first:stop], target_returns[first:stop], unrolled[:, first:stop])
+    write_directed(target[first:stop], target_rows[2, first:stop], unrolled[:, first:stop])
     repeat_columns(target_rows, count, first, stop)
     repeat_columns(unrolled, count, first, stop)
     cuda.syncthreads()

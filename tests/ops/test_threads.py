@@ -1,0 +1,76 @@
+"""Rows are shared among threads: each is worked on once, and errors and forks do no harm."""
+
+import multiprocessing
+import threading
+
+import numpy as np
+import pytest
+import torch
+
+from navrl.ops.kernels.threads import MIN_ROWS, run_rows
+
+
+@pytest.fixture
+def num_threads():
+    before = torch.get_num_threads()
+    yield torch.set_num_threads
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("rows", [0, 1, MIN_ROWS, 2 * MIN_ROWS, 3 * MIN_ROWS + 1, 1000])
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_every_row_is_worked_on_once(num_threads, rows, threads):
+    num_threads(threads)
+    visits, workers = np.zeros(rows, dtype=int), set()
+
+    def work(share, visits):
+        visits[share[0] : share[1]] += 1
+        workers.add(threading.get_ident())
+
+    run_rows(work, rows, (visits,))
+    assert (visits == 1).all()
+    assert len(workers) <= max(1, min(threads, rows // MIN_ROWS))
+
+
+def test_threads_work_at_the_same_time(num_threads):
+    num_threads(2)
+    meeting, workers = threading.Barrier(2), set()
+
+    def work(share):
+        if threading.get_ident() not in workers:  # each one's first rows wait for the other's
+            workers.add(threading.get_ident())
+            meeting.wait(timeout=10)
+
+    run_rows(work, 64, ())
+    assert len(workers) == 2
+
+
+def test_an_error_in_any_thread_is_raised(num_threads):
+    num_threads(2)
+
+    def work(share):
+        raise ZeroDivisionError(f"row {share[0]}")
+
+    with pytest.raises(ZeroDivisionError, match="row"):
+        run_rows(work, 64, ())
+
+
+def _double(values):
+    run_rows(lambda share: values.__setitem__(slice(*share), 2.0), len(values), ())
+
+
+def _double_in_child(connection):
+    values = np.ones(64)
+    _double(values)
+    connection.send(values.sum())
+
+
+def test_a_forked_child_has_threads_of_its_own(num_threads):
+    num_threads(2)
+    _double(np.ones(64))  # the parent's threads exist
+    ours, theirs = multiprocessing.Pipe()
+    child = multiprocessing.get_context("fork").Process(target=_double_in_child, args=(theirs,))
+    child.start()
+    assert ours.poll(30), "the child hangs"
+    assert ours.recv() == 128.0
+    child.join()
