@@ -44,7 +44,8 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         folder: Where ``benchmark.json`` grows row by row, and the picture goes in the end.
 
     Raises:
-        ValueError: If a row is unknown or named twice, or ``cfg.device`` is not the CPU.
+        ValueError: If a row is unknown or named twice, if none can be measured, or ``cfg.device``
+            is not the CPU.
     """
     if make_device(cfg).type != "cpu":
         raise ValueError(f"device={cfg.device}: rows=[gpu] measures a GPU, all others the cpu")
@@ -56,6 +57,8 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         log.info("measuring %s", name)
         report.add(*ROWS[name](cfg))
         report.save(folder / "benchmark.json")
+    if not report.rows:
+        raise ValueError(f"rows={list(cfg.rows)}: nothing to measure; {'; '.join(report.skipped)}")
     plot_benchmark(folder / "benchmark.json", folder / "benchmark")
     return report
 

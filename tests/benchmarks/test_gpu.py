@@ -33,6 +33,8 @@ def test_without_a_gpu_it_is_said_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setattr("navrl.build.benchmark.missing_for_cuda", lambda: "a device")
     report = build.run_benchmark(compose("benchmark", [*OPTIONS, "rows=[icp_tagd,gpu]"]), tmp_path)
     assert report.skipped == ["gpu: needs a device"]
+    with pytest.raises(ValueError, match="gpu: needs a device"):
+        build.run_benchmark(compose("benchmark", OPTIONS), tmp_path)
 
 
 def test_other_rows_are_the_cpus(tmp_path, monkeypatch):
