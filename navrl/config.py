@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import hashlib
 import inspect
 import os
 import re
@@ -27,7 +28,26 @@ CONF_DIR = next(
 )
 """Inside the package when installed from a wheel, beside it in a clone."""
 
+_LONGEST_NAME = 120  # characters of a folder's name; file systems end at 255 bytes
+
 _USER_ERRORS = (ValueError, OSError, yaml.YAMLError, HydraException, OmegaConfBaseException)
+
+
+def folder_name(*parts: object) -> str:
+    """Join what describes a job to one readable folder name; ``${folder_name:...}`` in a config.
+
+    Args:
+        parts: Joined by ``_``; empty ones are left out. What no shell likes becomes ``-``, and a
+            name that is too long ends in its hash.
+    """
+    whole = "_".join(str(part) for part in parts if part not in (None, ""))
+    name = re.sub(r"[^\w.,=+-]+", "-", whole).strip("-.") or "job"
+    if len(name) <= _LONGEST_NAME:
+        return name
+    return f"{name[: _LONGEST_NAME - 9]}-{hashlib.sha256(whole.encode()).hexdigest()[:8]}"
+
+
+OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
 
 
 def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:

@@ -8,12 +8,22 @@ from navrl.build.environment import (
     make_pool,
     set_threads,
 )
-from navrl.build.evaluation import Contender, bundle_folder, make_contender, record, run_evaluation
+from navrl.build.evaluation import (
+    Contender,
+    bundle_folder,
+    finished_evaluation,
+    make_contender,
+    record,
+    run_evaluation,
+)
+from navrl.build.run_folder import claim_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
 
 __all__ = [
     "Contender",
     "bundle_folder",
+    "claim_folder",
+    "finished_evaluation",
     "make_agent",
     "make_contender",
     "make_env",

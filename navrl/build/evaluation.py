@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl.build.environment import make_device, make_env, make_navigation_env, num_threads
+from navrl.build.run_folder import claim_folder, flat_values
 from navrl.config import CONF_DIR, instantiate
 from navrl.evaluation import evaluate, summarize, write_results
 from navrl.evaluation.recording import Recording, record_episode
@@ -73,6 +75,8 @@ def _controller(cfg: DictConfig) -> Contender:
     file = CONF_DIR / "controller" / f"{cfg.policy}.yaml"
     if not file.is_file():
         known = sorted(path.stem for path in file.parent.glob("*.yaml"))
+        if cfg.policy in ("all", "zoo", "controllers"):
+            raise ValueError(f"policy={cfg.policy}: several, which need a sweep: navrl-evaluate -m")
         raise ValueError(
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
@@ -119,8 +123,25 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         suite_hash=suite.hash(scenarios),
         simulator=cfg.simulator["_target_"].rpartition(".")[2],
     )
+    if cfg.change:
+        summary = {**summary, "change": dict(flat_values(cfg.change))}
     write_results(folder, records, summary)
     return summary
+
+
+def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
+    """Return the summary of the evaluation in ``folder`` if it needs no repetition.
+
+    Raises:
+        ValueError: If ``folder`` holds an evaluation of another configuration.
+    """
+    claim_folder(cfg, folder)
+    file, bundle = folder / "summary.json", bundle_folder(cfg.policy)
+    if not file.is_file():
+        return None
+    if bundle and (bundle / "weights.safetensors").stat().st_mtime > file.stat().st_mtime:
+        return None  # trained on since
+    return json.loads(file.read_text())
 
 
 def record(cfg: DictConfig) -> Recording:

@@ -19,7 +19,11 @@ def main(cfg: DictConfig) -> float:
     """Evaluate; return the success rate."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     build.set_threads(cfg)
-    summary = build.run_evaluation(cfg, folder)
+    summary = build.finished_evaluation(cfg, folder)
+    if summary is None:
+        summary = build.run_evaluation(cfg, folder)
+    else:
+        log.info("%s: finished before, not played again", folder)
     low, high = summary["success_interval"]
     log.info(
         "%s on %s: success %.1f %% [%.1f, %.1f], collision %.1f %%, timeout %.1f %%, n=%d; %s",

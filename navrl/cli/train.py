@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from pathlib import Path
 
@@ -21,10 +22,14 @@ def main(cfg: DictConfig) -> float:
     """Run one training; return the best policy's success rate on the reported suite."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     if cfg.resume is None:
-        OmegaConf.save(cfg, folder / "config.yaml")
+        build.claim_folder(cfg, folder)
     else:
         folder = Path(cfg.resume)
         cfg = _resumed(folder, cfg)
+    summary = folder / "evaluation" / "summary.json"
+    if summary.is_file():
+        log.info("%s: finished before, not trained again", folder)
+        return json.loads(summary.read_text())["success_rate"]
     record_command(folder)
     build.set_threads(cfg)
     progress = build.make_trainer(cfg, folder).run()
@@ -65,6 +70,7 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     recording.save(folder / "episode.npz")
     save_gif(recording, folder / "episode.gif")
     save_png(recording, folder / "episode.png")
+    set_default(playing, "simulator", cfg.get("final_simulator", cfg.simulator))
     playing.num_worlds = 100
     summary = build.run_evaluation(playing, folder / "evaluation")
     log.info(

@@ -1,0 +1,62 @@
+"""A job's folder: the configuration it was started with, so that the same command goes on in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+_FILE = "config.yaml"
+_HARMLESS = ("num_threads", "progress_bar", "resume")  # change no result
+
+
+def claim_folder(cfg: DictConfig, folder: Path) -> None:
+    """Write ``cfg`` to ``folder/config.yaml``, or see that the same is there already.
+
+    Two configurations in one folder would mix their results; a job of a sweep that is started
+    again finds its own.
+
+    Args:
+        cfg: What is about to run.
+        folder: Where its results go; made if it is missing.
+
+    Raises:
+        ValueError: If another configuration has run there, naming what differs.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / _FILE
+    if file.is_file():
+        there, here = flat_values(OmegaConf.load(file)), flat_values(cfg)
+        different = _differences(there, here)
+        if different:
+            shown = "; ".join(different[:3]) + ("; ..." if len(different) > 3 else "")
+            raise ValueError(
+                f"{folder}: holds a run of another configuration ({shown}); choose another "
+                "hydra.run.dir or hydra.sweep.dir"
+            )
+    OmegaConf.save(cfg, file)
+
+
+def flat_values(cfg: DictConfig) -> dict[str, Any]:
+    """Return every value of a config under its dotted name, interpolations as they are written."""
+    return dict(_leaves(OmegaConf.to_container(cfg, resolve=False)))
+
+
+def _differences(there: dict[str, Any], here: dict[str, Any]) -> list[str]:
+    names = [name for name in {**there, **here} if name.split(".")[0] not in _HARMLESS]
+    return [
+        f"{name} is {there.get(name, 'missing')} there and {here.get(name, 'missing')} here"
+        for name in names
+        if there.get(name, "missing") != here.get(name, "missing")
+    ]
+
+
+def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value below ``node`` with its dotted name."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from _leaves(value, f"{prefix}.{key}" if prefix else str(key))
+    else:
+        yield prefix, node

@@ -1,0 +1,75 @@
+"""``navrl-evaluate -m policy=all``: one folder a policy, one table, nothing played twice."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from navrl.build import bundle_folder, claim_folder
+from navrl.cli.sweeps import expand_policies
+from navrl.config import compose, folder_name
+
+TINY = [
+    *("suite=smoke", "suite.num_episodes=3", "num_worlds=3", "num_threads=1"),
+    *("environment.time_limit_steps=8", "progress_bar=false", "hydra.sweep.dir=sweep"),
+]
+
+
+def evaluate(folder, *overrides):
+    return subprocess.run(
+        [sys.executable, "-m", "navrl.cli.evaluate", "-m", *TINY, *overrides],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+
+
+def test_words_stand_for_what_there_is():
+    everything = expand_policies(["all"])
+    assert {"paper", "pure_pursuit", "oracle"} <= set(everything)
+    assert all(bundle_folder(name) for name in expand_policies(["zoo"]))
+    assert expand_policies(["pure_pursuit", "controllers", "mine"])[0] == "pure_pursuit"
+    assert expand_policies(["pure_pursuit", "controllers"]).count("pure_pursuit") == 1
+    assert expand_policies(["mine"]) == ["mine"]
+
+
+def test_a_controller_without_its_library_is_left_out(monkeypatch, caplog):
+    monkeypatch.setattr("navrl.cli.sweeps._NEEDS", {"orca": "no_such_module"})
+    assert "orca" not in expand_policies(["all"])
+    assert "no_such_module" in caplog.text
+    assert expand_policies(["orca"]) == ["orca"]  # asked for by name: the error is its own
+
+
+def test_a_sweep_ends_in_one_table_and_repeats_nothing(tmp_path):
+    first = evaluate(tmp_path, "policy=pure_pursuit,stand_still")
+    assert first.returncode == 0, first.stderr[-3000:]
+    (job,) = (tmp_path / "sweep").glob("*/pure_pursuit")
+    assert (job / "summary.json").is_file()
+    before = (job / "summary.json").stat().st_mtime_ns
+    assert "| `pure_pursuit` | 3 |" in first.stdout
+
+    again = evaluate(tmp_path, "policy=pure_pursuit,random,stand_still")
+    assert again.returncode == 0, again.stderr[-3000:]
+    assert (job / "summary.json").stat().st_mtime_ns == before
+    assert "finished before" in again.stdout
+    (table,) = json.loads((tmp_path / "sweep" / "comparison.json").read_text())
+    assert {row["policy"] for row in table["rows"]} == {"pure_pursuit", "random", "stand_still"}
+    assert (tmp_path / "sweep" / "comparison.md").is_file()
+    assert (tmp_path / "sweep" / "comparison.csv").is_file()
+
+
+def test_a_folder_belongs_to_one_configuration(tmp_path):
+    claim_folder(compose("evaluate", ["policy=random"]), tmp_path)
+    claim_folder(compose("evaluate", ["policy=random", "num_threads=1"]), tmp_path)
+    with pytest.raises(ValueError, match="policy is random there and dwa here"):
+        claim_folder(compose("evaluate", ["policy=dwa"]), tmp_path)
+
+
+def test_folder_names_are_short_and_distinct():
+    assert folder_name("table1", "", None, "seed=1,a.b=2") == "table1_seed=1,a.b=2"
+    assert folder_name("outputs/train/mine") == "outputs-train-mine"
+    long = [folder_name("x" * 300 + end) for end in "ab"]
+    assert len(set(long)) == 2 and max(map(len, long)) <= 120
+    assert folder_name("../..") == "job"
