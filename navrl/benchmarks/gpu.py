@@ -18,6 +18,7 @@ from navrl.benchmarks.scenes import clutter
 from navrl.benchmarks.stepping import RandomDrive
 from navrl.sim import Simulator
 
+NUM_UNMEASURED = 5  # updates, in which a recording is made
 NUM_ROOMS = 64  # that differ; worlds beyond repeat them
 EPISODES, STEPS_PER_EPISODE = 300_000, 90  # paper Sec. V-A, and what an episode takes on average
 
@@ -42,6 +43,9 @@ def gpu_rows(
     """
     rooms = clutter(min(NUM_ROOMS, simulator.num_worlds), NUM_BOXES)
     rooms = rooms[torch.arange(simulator.num_worlds) % len(rooms)]
+    for learner in learners.values():
+        for _ in range(NUM_UNMEASURED):
+            learner.update(batch)
     tasks = {"scans": scan_task(simulator, rooms), "steps": Task(RandomDrive(env))}
     tasks |= {name: update_task(learner, batch, 1) for name, learner in learners.items()}
     rates = alternate(tasks, budget)
