@@ -26,6 +26,7 @@ from navrl.build.environment import (
 )
 from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
+from navrl.deploy import PolicyRunner
 from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
@@ -201,12 +202,12 @@ def _workers(cfg: DictConfig) -> Results:
 def _latency(cfg: DictConfig) -> Results:
     raw = make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed)
     drive = benchmarks.record_drive(raw, cfg.effort.scans)
-    low, high = (limit[0] for limit in (raw.action_spec.space.low, raw.action_spec.space.high))
     env = make_env(raw, instantiate(cfg.transforms))
     actor, _ = make_agent(cfg, observation_shapes(env))
     env.close()
-    robot = benchmarks.Robot(instantiate(cfg.transforms), actor.eval(), low, high)
-    return benchmarks.latency_rows(robot, drive, cfg.effort.repeats)
+    parts = (instantiate(cfg[part]) for part in ("lidar", "robot"))
+    runner = PolicyRunner(instantiate(cfg.transforms), actor.eval(), *parts)
+    return benchmarks.latency_rows(runner, drive, cfg.effort.repeats)
 
 
 ROWS: dict[str, Callable[[DictConfig], Results]] = {
