@@ -83,7 +83,7 @@ def _step(cfg: DictConfig) -> Results:
     return benchmarks.step_rows(
         _maker(cfg, pool),
         _maker(_on_bullet(cfg), pool),
-        cfg.num_worlds,
+        cfg.effort.step_worlds,
         cfg.effort.bullet_worlds,
         _budget(cfg),
         num_threads(cfg),
@@ -95,7 +95,7 @@ def _icp_tagd(cfg: DictConfig) -> Results:
     for name in ("paper", "robust"):
         steps = compose("train", [f"transforms={name}"]).transforms
         variants[name] = instantiate(steps.icp_align), instantiate(steps.tagd)
-    return benchmarks.perception_rows(_maker(cfg)(cfg.num_worlds), variants, _budget(cfg))
+    return benchmarks.perception_rows(_maker(cfg)(cfg.effort.step_worlds), variants, _budget(cfg))
 
 
 def _growth(cfg: DictConfig) -> Results:
@@ -114,7 +114,7 @@ def _growth(cfg: DictConfig) -> Results:
     threads = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= num_threads(cfg)]
     if len(threads) < 2:
         return [*found, "growth with threads: there is one core"]
-    return [*found, benchmarks.threads_series(make, cfg.num_worlds, threads, budget)]
+    return [*found, benchmarks.threads_series(make, cfg.effort.step_worlds, threads, budget)]
 
 
 def _memory(cfg: DictConfig) -> Results:
