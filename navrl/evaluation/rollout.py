@@ -15,6 +15,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from navrl import keys
 from navrl.envs import Outcome
+from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.sim import Contact
 from navrl.worlds import KINDS, ScenarioBatch
 
@@ -153,7 +154,8 @@ def _play(
     base.set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
-        carrier = env.reset()
+        with torch_on_one_thread():
+            carrier = env.reset()
         zeros = torch.zeros(len(batch), dtype=torch.int64, device=env.device)
         tally = _Tally(
             outcome=zeros,
@@ -166,7 +168,9 @@ def _play(
         )
         running = torch.ones_like(zeros, dtype=torch.bool)
         while bool(running.any()):
-            stepped = env.step(policy(carrier))
+            decided = policy(carrier)
+            with torch_on_one_thread():
+                stepped = env.step(decided)
             if on_step is not None:
                 on_step(stepped)
             running = _count(tally, running, stepped)
