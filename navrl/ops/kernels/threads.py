@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 import torch
 
 MIN_ROWS = 8  # of a thread: to hand over fewer takes longer than to work on them
-CHUNKS = 16  # a thread: who has the easier rows, or the idler core, takes more of them
+CHUNKS = 8  # a thread: who has the easier rows, or the idler core, takes more of them
 
 _alone: int | None = None  # threads of the kernels while torch has one
 
