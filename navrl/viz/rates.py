@@ -66,7 +66,7 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
     """
     simulators = sorted({str(e.summary["simulator"]) for e in evaluations})
     points = [point for evaluation in evaluations for point in rate_points(evaluation)]
-    rows = [row for row in (_speed_row(points), _number_row(points)) if row is not None]
+    rows = [row for row in (speed_row(points), number_row(points)) if row is not None]
     if not rows:
         raise ValueError(
             "source: success over speed or number needs evaluations at two speeds or two numbers "
@@ -139,12 +139,14 @@ def _configured_setting(file: Path) -> tuple[int, float] | None:
 Row = tuple[str, dict[float, list[RatePoint]]]
 
 
-def _speed_row(points: Sequence[RatePoint]) -> Row | None:
+def speed_row(points: Sequence[RatePoint]) -> Row | None:
+    """Return the points over speed, by speed; ``None`` of fewer than two."""
     chosen = [(p.speed, p) for p in points if p.num_dynamic == _TABLE[0]]
     return _row(f"pedestrian speed in m/s ({_TABLE[0]} walking)", chosen)
 
 
-def _number_row(points: Sequence[RatePoint]) -> Row | None:
+def number_row(points: Sequence[RatePoint]) -> Row | None:
+    """Return the points over the number of pedestrians, by number; ``None`` of fewer than two."""
     chosen = [(float(p.num_dynamic), p) for p in points if p.speed == _TABLE[1]]
     return _row(f"walking pedestrians (at {_TABLE[1]} m/s)", chosen)
 
