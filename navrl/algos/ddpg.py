@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from functools import partial
 
 import torch
 from tensordict import TensorDictBase
@@ -10,6 +11,9 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.objectives import DDPGLoss, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
+
+from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
+from navrl.algos.cuda_graph import CapturedUpdate
 
 
 class NonFiniteUpdateError(FloatingPointError):
@@ -45,9 +49,13 @@ class DDPG:
         loss_function: ``"l2"`` or ``"smooth_l1"`` on the temporal difference.
         precision: ``"float32"``, or ``"bfloat16"`` to run the matrix products under autocast.
             Weights, targets and the optimiser stay float32 either way.
+        fused_optimizer: Whether Adam does one pass over memory instead of a dozen.
+        cuda_graph: Whether updates are recorded as a CUDA graph and replayed; see
+            :class:`navrl.algos.cuda_graph.CapturedUpdate`. Networks must be on a CUDA device. An
+            update that is not finite is told some updates later, all of which change nothing.
 
     Raises:
-        ValueError: If an argument is out of range.
+        ValueError: If an argument is out of range, or ``cuda_graph`` is not possible.
 
     Reference:
         Paper Sec. IV-B and V-A: gamma 0.98, learning rates 1e-4. Both target networks are delayed
@@ -66,6 +74,8 @@ class DDPG:
         max_gradient_norm: float = 10.0,
         loss_function: str = "l2",
         precision: str = "float32",
+        fused_optimizer: bool = True,
+        cuda_graph: bool = False,
     ) -> None:
         if not 0 <= gamma <= 1 or not 0 < tau <= 1:
             raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
@@ -90,19 +100,48 @@ class DDPG:
         self.loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
         self._actor_weights = list(self.loss.actor_network_params.parameters())
         self._critic_weights = list(self.loss.value_network_params.parameters())
-        # Fused Adam does one pass over memory instead of a dozen.
-        self.actor_optimizer = torch.optim.Adam(
-            self._actor_weights, lr=actor_learning_rate, fused=True
-        )
-        self.critic_optimizer = torch.optim.Adam(
-            self._critic_weights, lr=critic_learning_rate, fused=True
-        )
+        self._check_graph(cuda_graph, fused_optimizer)
+        adam = partial(adam_optimizer, fused=fused_optimizer, capturable=cuda_graph)
+        self.actor_optimizer = adam(self._actor_weights, actor_learning_rate)
+        self.critic_optimizer = adam(self._critic_weights, critic_learning_rate)
         self._final_scale = final_learning_rate_scale
         self._optimizers = (
             (self.actor_optimizer, actor_learning_rate),
             (self.critic_optimizer, critic_learning_rate),
         )
         self.target_update = SoftUpdate(self.loss, tau=tau)
+        self._online, self._targets = self._weight_pairs()
+        self._captured = self._make_captured(tau) if cuda_graph else None
+
+    def _check_graph(self, cuda_graph: bool, fused_optimizer: bool) -> None:
+        device = self._actor_weights[0].device
+        if cuda_graph and device.type != "cuda":
+            raise ValueError(
+                f"cuda_graph=True: needs the networks on a CUDA device, they are on {device}; "
+                "set device=cuda, or cuda_graph=False"
+            )
+        if cuda_graph and not fused_optimizer:
+            raise ValueError("cuda_graph=True: needs fused_optimizer=True, got False")
+
+    def _make_captured(self, tau: float) -> CapturedUpdate:
+        optimizers = (self.actor_optimizer, self.critic_optimizer)
+        return CapturedUpdate(self._gradients, optimizers, self._online, self._targets, tau)
+
+    def _weight_pairs(self) -> list[list[Tensor]]:
+        """Return all weights and, in the same order, their targets."""
+        pairs = [
+            (getattr(self.loss, name), getattr(self.loss, f"target_{name}"))
+            for name in ("actor_network_params", "value_network_params")
+        ]
+        keys = [list(online.keys(True, True)) for online, _ in pairs]
+        return [
+            [params.get(key).data for params, own in zip(side, keys, strict=True) for key in own]
+            for side in zip(*pairs, strict=True)
+        ]
+
+    def _move_targets(self) -> None:
+        # What SoftUpdate.step() does, without its walks through trees of tensors.
+        torch._foreach_lerp_(self._targets, self._online, 1 - self.target_update.eps)
 
     def anneal(self, share_done: float) -> None:
         """Scale both learning rates linearly from 1 to ``final_learning_rate_scale``.
@@ -114,7 +153,7 @@ class DDPG:
         scale = 1 + min(share_done, 1.0) * (self._final_scale - 1)
         for optimizer, initial in self._optimizers:
             for group in optimizer.param_groups:
-                group["lr"] = initial * scale
+                set_learning_rate(group, initial * scale)
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """Take one gradient step on both networks and move the targets.
@@ -128,6 +167,24 @@ class DDPG:
         Raises:
             NonFiniteUpdateError: If one of them is NaN or infinite; no weight has changed then.
         """
+        if self._captured is not None:
+            self._check_captured()
+            return self._captured(batch)
+        scalars = self._gradients(batch)
+        if not torch.stack(list(scalars.values())).isfinite().all():
+            raise NonFiniteUpdateError(scalars, batch)
+        self.actor_optimizer.step()
+        self.critic_optimizer.step()
+        self._move_targets()
+        return scalars
+
+    def _check_captured(self, wait: bool = False) -> None:
+        failure = self._captured.failure(wait)
+        if failure is not None:
+            raise NonFiniteUpdateError(*failure)
+
+    def _gradients(self, batch: TensorDictBase) -> dict[str, Tensor]:
+        """Leave clipped gradients in the weights; return the update's scalars."""
         device = batch.device or self._actor_weights[0].device
         with torch.autocast(
             device.type, self._autocast_dtype, enabled=self._autocast_dtype is not None
@@ -140,7 +197,7 @@ class DDPG:
         clip = torch.nn.utils.clip_grad_norm_
         actor_norm = clip(self._actor_weights, self.max_gradient_norm)
         critic_norm = clip(self._critic_weights, self.max_gradient_norm)
-        scalars = {
+        return {
             "loss_actor": terms["loss_actor"].detach(),
             "loss_critic": terms["loss_value"].detach(),
             "q_mean": terms["pred_value"].detach().mean(),
@@ -148,15 +205,15 @@ class DDPG:
             "gradient_norm_actor": actor_norm,
             "gradient_norm_critic": critic_norm,
         }
-        if not torch.stack(list(scalars.values())).isfinite().all():
-            raise NonFiniteUpdateError(scalars, batch)
-        self.actor_optimizer.step()
-        self.critic_optimizer.step()
-        self.target_update.step()
-        return scalars
 
     def state_dict(self) -> dict:
-        """Return weights, target weights and optimiser states."""
+        """Return weights, target weights and optimiser states.
+
+        Raises:
+            NonFiniteUpdateError: If a recorded update before was not finite, and nothing told it.
+        """
+        if self._captured is not None:
+            self._check_captured(wait=True)
         return {
             "loss": self.loss.state_dict(),
             "actor_optimizer": self.actor_optimizer.state_dict(),
@@ -164,9 +221,11 @@ class DDPG:
         }
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore a copy of what :meth:`state_dict` returned."""
+        """Restore a copy of what :meth:`state_dict` returned, from any device to this one."""
         # Optimizers keep the tensors they are given; a copy keeps two learners apart.
         state = deepcopy(state)
-        self.loss.load_state_dict(state["loss"])
-        self.actor_optimizer.load_state_dict(state["actor_optimizer"])
-        self.critic_optimizer.load_state_dict(state["critic_optimizer"])
+        self.loss.load_state_dict(state["loss"])  # in place: optimizers and targets hold on to it
+        load_adam(self.actor_optimizer, state["actor_optimizer"])
+        load_adam(self.critic_optimizer, state["critic_optimizer"])
+        if self._captured is not None:
+            self._captured.reset()

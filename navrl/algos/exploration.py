@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.data import Bounded
-from torchrl.modules import AdditiveGaussianModule
+from torchrl.envs.utils import ExplorationType, exploration_type
 
 from navrl import keys
 
@@ -15,8 +14,9 @@ from navrl import keys
 class GaussianExploration:
     """Gaussian noise on normalised actions, annealed linearly over frames.
 
-    Wraps TorchRL's :class:`AdditiveGaussianModule`, whose own schedule loops in Python once per
-    frame; here the scale is set directly from the frame count, so it is also exact after a resume.
+    What TorchRL's :class:`AdditiveGaussianModule` does, on any device and without waiting for it.
+    Its schedule loops in Python once per frame; here the scale is set directly from the frame
+    count, so it is also exact after a resume.
 
     Args:
         sigma_initial: Noise scale at the first frame, in normalised units.
@@ -47,13 +47,7 @@ class GaussianExploration:
         self.sigma_initial, self.sigma_final = sigma_initial, sigma_final
         self.annealing_frames = annealing_frames
         self.action_size = len(std)
-        self._module = AdditiveGaussianModule(
-            spec=Bounded(-1.0, 1.0, shape=(len(std),)),
-            action_key=keys.ACTION,
-            sigma_init=1.0,
-            sigma_end=1.0,
-            std=list(std),
-        )
+        self._std = torch.tensor(list(std), dtype=torch.float32)
 
     def sigma(self, frames: int) -> float:
         """Return the noise scale after ``frames`` environment steps."""
@@ -61,7 +55,11 @@ class GaussianExploration:
         return self.sigma_initial + share * (self.sigma_final - self.sigma_initial)
 
     def __call__(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
-        """Add noise to ``action`` in place and clip it to [-1, 1]."""
-        self._module.sigma.fill_(self.sigma(frames))
-        with torch.no_grad():
-            return self._module(tensordict)
+        """Add noise to ``action`` in place and clip it to [-1, 1], if exploring is on."""
+        if exploration_type() not in (ExplorationType.RANDOM, None):
+            return tensordict
+        action = tensordict.get(keys.ACTION).detach()
+        if self._std.device != action.device:
+            self._std = self._std.to(action.device)
+        noise = torch.randn_like(action) * self._std * self.sigma(frames)
+        return tensordict.set(keys.ACTION, (action + noise).clamp(-1.0, 1.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,13 +17,16 @@ from navrl import benchmarks
 from navrl.algos import DDPG
 from navrl.benchmarks import Budget, Report, Row, Series
 from navrl.build.environment import (
+    make_device,
     make_env,
     make_navigation_env,
     make_pool,
     num_threads,
+    on_cpu,
 )
 from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
+from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
 from navrl.viz import plot_benchmark
@@ -40,8 +44,11 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         folder: Where ``benchmark.json`` grows row by row, and the picture goes in the end.
 
     Raises:
-        ValueError: If a row is unknown or named twice.
+        ValueError: If a row is unknown or named twice, if none can be measured, or ``cfg.device``
+            is not the CPU.
     """
+    if make_device(cfg).type != "cpu":
+        raise ValueError(f"device={cfg.device}: rows=[gpu] measures a GPU, all others the cpu")
     unknown = [name for name in cfg.rows if name not in ROWS]
     if unknown or not cfg.rows or len(set(cfg.rows)) < len(cfg.rows):
         raise ValueError(f"rows={list(cfg.rows)}: need distinct ones of {sorted(ROWS)}")
@@ -50,6 +57,8 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         log.info("measuring %s", name)
         report.add(*ROWS[name](cfg))
         report.save(folder / "benchmark.json")
+    if not report.rows:
+        raise ValueError(f"rows={list(cfg.rows)}: nothing to measure; {'; '.join(report.skipped)}")
     plot_benchmark(folder / "benchmark.json", folder / "benchmark")
     return report
 
@@ -132,7 +141,14 @@ def _update(cfg: DictConfig) -> Results:
 
 
 def _training(cfg: DictConfig) -> Results:
-    cfg, updates = cfg.copy(), cfg.effort.updates_per_row
+    with tempfile.TemporaryDirectory() as folder:
+        log = _train(cfg, cfg.effort.updates_per_row, Path(folder))
+        return benchmarks.training_rows(log, num_threads(cfg))
+
+
+def _train(cfg: DictConfig, updates: int, folder: Path) -> Path:
+    """Run a training that logs every so many updates; return its log."""
+    cfg = cfg.copy()
     cfg.schedule.learning_starts = 4 * cfg.replay.batch_size
     cfg.schedule.log_every_updates = updates
     cfg.schedule.evaluate_every_updates = 10**9
@@ -144,9 +160,36 @@ def _training(cfg: DictConfig) -> Results:
     cfg.behaviour.random_frames = 0
     cfg.replay.capacity = cfg.schedule.total_frames + cfg.num_worlds
     cfg.validation.num_episodes = 2
+    make_trainer(cfg, folder).run()
+    return folder / "metrics.csv"
+
+
+def _gpu(cfg: DictConfig) -> Results:
+    missing = missing_for_cuda()
+    if missing is not None:
+        return [f"gpu: needs {missing}"]
+    cfg, effort = cfg.copy(), cfg.effort
+    cfg.device, cfg.num_worlds = "cuda", effort.gpu_worlds
+    env = _maker(on_cpu(cfg))(1)
+    shapes = observation_shapes(env)
+    env.close()
+    learners = {
+        name: _learner(cfg, shapes, cfg.algorithm.precision, "cuda", cuda_graph=name == "recorded")
+        for name in ("eager", "recorded")
+    }
+    needed = {key: shapes[key] for key in learners["eager"].actor.in_keys}
+    cfg.algorithm.cuda_graph = True
     with tempfile.TemporaryDirectory() as folder:
-        make_trainer(cfg, Path(folder)).run()
-        return benchmarks.training_rows(Path(folder) / "metrics.csv", num_threads(cfg))
+        updates = math.ceil(cfg.num_worlds / cfg.schedule.frames_per_update)
+        rows = benchmarks.training_rows(_train(cfg, updates, Path(folder)), 1)
+    return benchmarks.gpu_rows(
+        _simulator(cfg, cfg.num_worlds),
+        _maker(cfg)(cfg.num_worlds),
+        learners,
+        benchmarks.random_transitions(needed, cfg.replay.batch_size, "cuda"),
+        next(row.values for row in rows if row.key == "training.frames"),
+        _budget(cfg),
+    )
 
 
 def _workers(cfg: DictConfig) -> Results:
@@ -177,6 +220,7 @@ ROWS: dict[str, Callable[[DictConfig], Results]] = {
     "training": _training,
     "workers": _workers,
     "latency": _latency,
+    "gpu": _gpu,
 }
 
 
@@ -191,6 +235,7 @@ def _on_bullet(cfg: DictConfig) -> DictConfig:
     """Return the same configuration on the reference simulator."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)
+    copy.device = "cpu"  # PyBullet has no other
     copy.simulator = compose("train", ["simulator=bullet"]).simulator
     return copy
 
@@ -231,6 +276,13 @@ def _source(cfg: DictConfig, num_workers: int) -> tuple[Collector, Replay]:
     return make_collector(cfg, actor), replay
 
 
-def _learner(cfg: DictConfig, shapes: dict[str, list[int]], precision: str, device: str) -> DDPG:
+def _learner(
+    cfg: DictConfig,
+    shapes: dict[str, list[int]],
+    precision: str,
+    device: str,
+    cuda_graph: bool = False,
+) -> DDPG:
     actor, critic = (network.to(device) for network in make_agent(cfg, shapes))
-    return instantiate(cfg.algorithm, actor=actor, critic=critic, precision=precision)
+    options = {"precision": precision, "cuda_graph": cuda_graph}
+    return instantiate(cfg.algorithm, actor=actor, critic=critic, **options)

@@ -14,6 +14,7 @@ from torchrl.envs import ActionScaling, Transform, TransformedEnv
 from navrl.config import compose, instantiate
 from navrl.envs import NavigationEnv
 from navrl.envs.gymnasium import GymnasiumNavigation
+from navrl.ops.backend import find_device
 from navrl.worlds import ScenarioPool, Suite
 
 
@@ -40,6 +41,23 @@ def set_threads(cfg: DictConfig) -> None:
     torch.set_flush_denormal(True)  # vanishing gradients otherwise slow products tenfold
 
 
+def make_device(cfg: DictConfig) -> torch.device:
+    """Return the device that ``cfg.device`` names; the CPU in configs older than the key.
+
+    Raises:
+        ValueError: It is neither ``cpu`` nor ``cuda``, or something is missing for it.
+    """
+    return find_device(cfg.get("device", "cpu"))
+
+
+def on_cpu(cfg: DictConfig) -> DictConfig:
+    """Return the same configuration with everything on the CPU."""
+    copy = cfg.copy()
+    OmegaConf.set_struct(copy, False)
+    copy.device = "cpu"
+    return copy
+
+
 def make_navigation_env(
     cfg: DictConfig,
     num_worlds: int,
@@ -59,6 +77,7 @@ def make_navigation_env(
     Returns:
         An environment with physical actions and raw outputs.
     """
+    make_device(cfg)  # a wrong one is told apart before anything is built
     return NavigationEnv(
         instantiate(cfg.simulator, num_worlds=num_worlds),
         scenarios,
@@ -134,4 +153,5 @@ def make_gymnasium_env(overrides: Sequence[str] = (), **kwargs: object) -> Gymna
     if kwargs:
         raise ValueError(f"unknown keyword {sorted(kwargs)}: only 'overrides' is allowed")
     cfg = compose("train", list(overrides))
+    cfg = on_cpu(cfg)  # what Gymnasium gives are arrays in the CPU's memory
     return GymnasiumNavigation(make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed))

@@ -11,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
-from navrl.build.environment import make_env, make_navigation_env, num_threads
+from navrl.build.environment import make_device, make_env, make_navigation_env, num_threads
 from navrl.build.run_folder import claim_folder, flat_values
 from navrl.config import CONF_DIR, instantiate
 from navrl.evaluation import evaluate, summarize, write_results
@@ -57,7 +57,7 @@ def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contende
         with_attention: Whether a bundle's actor writes its attention weights too.
 
     Raises:
-        ValueError: If there is no such policy, listing those there are.
+        ValueError: If there is no such policy, listing those there are; or if the device is wrong.
         BundleError: If the bundle is damaged or not allowed.
     """
     folder = bundle_folder(cfg.policy)
@@ -65,6 +65,7 @@ def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contende
         return _controller(cfg)
     bundle = load_bundle(folder, cfg.allow)
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
+    actor = actor.to(make_device(cfg))
     own = {part: bundle.config[part] for part in ("transforms", "lidar", "robot")}
     name = folder.name if folder.name != "policy" else folder.parent.name
     return Contender(name, actor, _environment(_replaced(cfg, OmegaConf.merge(own, cfg.change))))
@@ -80,6 +81,8 @@ def _controller(cfg: DictConfig) -> Contender:
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
         )
+    if make_device(cfg).type != "cpu":
+        raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
     node = OmegaConf.merge(OmegaConf.load(file), cfg.change.get("controller", {}))
     local = _replaced(cfg, {"controller": node})
     return Contender(cfg.policy, instantiate(local.controller), _environment(local))

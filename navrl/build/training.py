@@ -7,22 +7,26 @@ from functools import partial
 from pathlib import Path
 
 import torch
+from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 from tensordict.nn import TensorDictModule
 from torchrl.envs import TransformedEnv
 
 import navrl
 from navrl.build.environment import (
+    make_device,
     make_env,
     make_navigation_env,
     make_pool,
     make_training_env,
+    on_cpu,
 )
 from navrl.build.provenance import recorded_commands
 from navrl.config import instantiate
 from navrl.evaluation import evaluate, rates
 from navrl.policies import save_bundle
 from navrl.training import Collector, Trainer
+from navrl.training.workers import WorkersCollector
 
 
 def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
@@ -53,21 +57,30 @@ def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
 def make_agent(
     cfg: DictConfig, shapes: Mapping[str, list[int]]
 ) -> tuple[TensorDictModule, TensorDictModule]:
-    """Build actor and critic for observations of the given shapes; seeds their weights."""
+    """Build actor and critic for observations of the given shapes on ``cfg.device``.
+
+    Seeds their weights, which are the same on each device.
+    """
     torch.manual_seed(cfg.seed)
     node = actor_node(cfg, shapes)
     own = OmegaConf.to_container(cfg.network.get("critic") or OmegaConf.create(), resolve=True)
     critic = {**node, **own, "_target_": "navrl.networks.make_critic"}
     critic.pop("saturation_penalty", None)  # only the actor ends in a tanh
     torch.manual_seed(cfg.seed)
-    return instantiate(node), instantiate(critic)
+    networks = instantiate(node), instantiate(critic)
+    device = make_device(cfg)
+    return tuple(network.to(device) for network in networks)
 
 
 def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
-    """Build what ``cfg.collector`` names; worker processes start with :meth:`Collector.start`."""
+    """Build what ``cfg.collector`` names; worker processes start with :meth:`Collector.start`.
+
+    Workers step their worlds and act on the CPU, wherever the learner is.
+    """
     exploration = instantiate(cfg.exploration)
     behaviour = instantiate(cfg.behaviour, actor=actor, exploration=exploration)
-    make_worlds = partial(make_training_env, cfg)
+    has_workers = issubclass(get_class(cfg.collector._target_), WorkersCollector)
+    make_worlds = partial(make_training_env, on_cpu(cfg) if has_workers else cfg)
     return instantiate(cfg.collector, make_env=make_worlds, behaviour=behaviour, seed=cfg.seed)
 
 
@@ -81,7 +94,8 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     Returns:
         A trainer, ready to run or to resume from the folder's checkpoint.
     """
-    probe = make_training_env(cfg, cfg.seed, num_worlds=1)
+    make_device(cfg)
+    probe = make_training_env(on_cpu(cfg), cfg.seed, num_worlds=1)
     shapes = observation_shapes(probe)
     probe.close()
     actor, critic = make_agent(cfg, shapes)

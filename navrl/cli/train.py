@@ -25,7 +25,7 @@ def main(cfg: DictConfig) -> float:
         build.claim_folder(cfg, folder)
     else:
         folder = Path(cfg.resume)
-        cfg = _resumed(folder)
+        cfg = _resumed(folder, cfg)
     summary = folder / "evaluation" / "summary.json"
     if summary.is_file():
         log.info("%s: finished before, not trained again", folder)
@@ -43,18 +43,24 @@ def main(cfg: DictConfig) -> float:
     return _report(cfg, folder)
 
 
-def _resumed(folder: Path) -> DictConfig:
-    """Return the configuration of the run in ``folder``."""
+def _resumed(folder: Path, cfg: DictConfig) -> DictConfig:
+    """Return the configuration of the run in ``folder``, on another device if one is given."""
     file = folder / "config.yaml"
     if not file.is_file():
         raise ValueError(f"resume={folder}: no run there, {file} is missing")
-    return OmegaConf.load(file)
+    run = OmegaConf.load(file)
+    if any(override.startswith("device=") for override in HydraConfig.get().overrides.task):
+        if "device" not in run:
+            raise ValueError(f"device={cfg.device}: the run in {folder} is older than this key")
+        run.device = cfg.device
+    return run
 
 
 def _report(cfg: DictConfig, folder: Path) -> float:
     """Evaluate the best policy, then draw its curves and one of its episodes."""
     plot_curves([folder / "metrics.csv"], folder / "curves.png")
     playing = compose("play")
+    set_default(playing, "device", cfg.get("device", "cpu"))
     for part in ("suite", "simulator", "num_threads", "environment", "progress_bar"):
         set_default(playing, part, cfg[part])
     set_default(playing, "policy", str(folder))

@@ -83,7 +83,8 @@ class NavigationEnv(EnvBase):
                 f"goal_radius={goal_radius}, time_limit_steps={time_limit_steps}: must be > 0"
             )
         super().__init__(device=simulator.device, batch_size=[simulator.num_worlds])
-        self.simulator, self.scenarios = simulator, scenarios
+        self.simulator = simulator
+        self.scenarios = scenarios if scenarios is None else scenarios.to(self.device)
         self.rewards = {name: term for name, term in rewards.items() if term is not None}
         self.goal_radius, self.time_limit_steps = goal_radius, time_limit_steps
         self.privileged = privileged
@@ -108,7 +109,7 @@ class NavigationEnv(EnvBase):
                 f"scenarios: need one for each of {self.simulator.num_worlds} worlds, "
                 f"got {len(scenarios)}"
             )
-        self._fixed = scenarios
+        self._fixed = None if scenarios is None else scenarios.to(self.device)
 
     # --- specs and state -------------------------------------------------------------------------
 
@@ -183,27 +184,26 @@ class NavigationEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
         n = self.simulator.num_worlds
-        worlds = torch.arange(n) if mask is None else mask.reshape(n).nonzero().squeeze(-1).cpu()
+        every = torch.arange(n, device=self.device)
+        worlds = every if mask is None else mask.reshape(n).nonzero().squeeze(-1)
         batch = self._draw(worlds)
         self.simulator.reset(worlds, batch)
         state = self.simulator.state()
-        rows = worlds.to(self.device)
-        batch = batch.to(self.device)
         # New tensors instead of writes: what an earlier step returned must never change.
-        self._path = self._path.index_put((rows,), batch.path.float())
+        self._path = self._path.index_put((worlds,), batch.path.float())
         self._path_length = path_length(self._path)
-        self._goal = self._goal.index_put((rows,), batch.goal.float())
-        self._noise_seed = self._noise_seed.index_put((rows,), batch.noise_seed)
-        self._steps = self._steps.index_fill(0, rows, 0)
+        self._goal = self._goal.index_put((worlds,), batch.goal.float())
+        self._noise_seed = self._noise_seed.index_put((worlds,), batch.noise_seed)
+        self._steps = self._steps.index_fill(0, worlds, 0)
         self._position = state.pose[:, :2]
         progress, _ = project_onto_path(self._path, self._position)
-        self._progress = self._progress.index_put((rows,), progress[rows])
+        self._progress = self._progress.index_put((worlds,), progress[worlds])
         zeros = torch.zeros(n, 1, device=self.device)
         terms = dict.fromkeys(self.rewards, zeros)
         outcome = torch.full_like(state.contact, Outcome.RUNNING)
-        noisy = self._noisy_ranges(self.simulator.ranges(worlds), rows)
+        noisy = self._noisy_ranges(self.simulator.ranges(worlds), worlds)
         if len(worlds) < n:  # TorchRL keeps the other rows as they were
-            noisy = noisy.new_zeros(n, noisy.shape[-1]).index_copy_(0, rows, noisy)
+            noisy = noisy.new_zeros(n, noisy.shape[-1]).index_copy_(0, worlds, noisy)
         return self._observe(state, noisy, outcome, terms)
 
     def _draw(self, worlds: Tensor) -> ScenarioBatch:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -137,6 +137,11 @@ class _Tally:
     time_step_s: float
     solved: Tensor | None
 
+    def cpu(self) -> _Tally:
+        """Return it on the CPU, where it is read number by number."""
+        moved = {k: v.cpu() for k, v in vars(self).items() if isinstance(v, Tensor)}
+        return replace(self, **moved)
+
 
 def _play(
     env: TransformedEnv,
@@ -166,7 +171,7 @@ def _play(
                 on_step(stepped)
             running = _count(tally, running, stepped)
             carrier = step_mdp(stepped)
-    return tally
+    return tally.cpu()
 
 
 def _count(tally: _Tally, running: Tensor, stepped: TensorDictBase) -> Tensor:

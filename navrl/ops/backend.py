@@ -65,14 +65,15 @@ def find_device(device: torch.device | str) -> torch.device:
     Raises:
         ValueError: It is neither, or something is missing for it, naming what.
     """
-    if str(device) == "cpu":
-        return torch.device("cpu")
-    if torch.device(device).type != "cuda":
+    kind, _, index = str(device).partition(":")
+    if kind not in ("cpu", "cuda") or not (index.isdigit() or str(device) == kind):
         raise ValueError(f"device must be cpu or cuda, got {str(device)!r}")
+    if kind == "cpu":
+        return torch.device("cpu")
     if missing_for_cuda() is not None:
         raise ValueError(f"device={str(device)!r} needs {missing_for_cuda()}; device='cpu' works")
     current = torch.device("cuda", torch.cuda.current_device())
-    if torch.device(device).index not in (None, current.index):
+    if index and int(index) != current.index:
         raise ValueError(
             f"device={str(device)!r}: the current CUDA device is {current}; choose another by "
             "CUDA_VISIBLE_DEVICES"

@@ -12,6 +12,8 @@ import math
 import torch
 from torch import Tensor
 
+from navrl.ops.backend import is_compiled
+
 
 def wrap_angle(angle: Tensor) -> Tensor:
     """Return ``angle`` [rad] wrapped to (-pi, pi]."""
@@ -48,7 +50,21 @@ def transform_points(T_target_source: Tensor, points_source: Tensor) -> Tensor:
         >>> transform_points(quarter_turn, torch.tensor([[1.0, 0.0]])).round(decimals=3)
         tensor([[1., 1.]])
     """
+    is_row_by_row = T_target_source.shape == (*points_source.shape[:-2], 3)
+    has_kernel = T_target_source.dtype == points_source.dtype and not points_source.is_cuda
+    if is_row_by_row and has_kernel and is_compiled("auto", T_target_source, points_source):
+        return _transform_compiled(T_target_source, points_source)
     return rotate(points_source, T_target_source[..., 2:]) + T_target_source[..., None, :2]
+
+
+def _transform_compiled(T_target_source: Tensor, points_source: Tensor) -> Tensor:
+    from navrl.ops.kernels.se2 import transform_points_kernel
+
+    T = T_target_source.reshape(-1, 3)
+    points = points_source.reshape(-1, *points_source.shape[-2:])
+    moved = torch.empty(points_source.shape, dtype=points.dtype)
+    transform_points_kernel(points, T[:, 2].cos(), T[:, 2].sin(), T[:, :2], moved.view_as(points))
+    return moved
 
 
 def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:

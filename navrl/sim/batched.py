@@ -40,7 +40,9 @@ class BatchedSimulator(Simulator):
         max_walls: rows kept for walls in each world; grows when a scenario has more.
         device: ``cpu``, or ``cuda`` for the current CUDA device, where then all state and outputs
             are, and where commands come from. Scenarios may be on either. A device rounds in its
-            own way, so poses agree with the CPU's to about 1e-9 m and ranges to 1e-5 m.
+            own way, so poses agree with the CPU's to about 1e-9 m and ranges to 1e-5 m. A step
+            does not wait for the device: there a command that is not finite drives as zero, and
+            the next reset raises the error.
 
     Raises:
         ValueError: a value is not positive, or something is missing for ``device``.
@@ -106,13 +108,15 @@ class BatchedSimulator(Simulator):
             "boxes": torch.full((n, k, 5), torch.nan, **real),
         }
         self._is_ready = False
+        self._all_finite = torch.ones((), dtype=torch.bool, device=self.device)
         self._make_scratch()
 
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
+        worlds, scenarios = worlds.to(self.device), scenarios.to(self.device)
         self.check_reset(worlds, scenarios)
+        self._check_last_commands()
         if len(worlds) == 0:
             return
-        worlds, scenarios = worlds.to(self.device), scenarios.to(self.device)
         rows, count = self._rows, scenarios.boxes.shape[1]
         self._make_room(count)
         rows["pose"][worlds] = scenarios.start.double()
@@ -156,6 +160,20 @@ class BatchedSimulator(Simulator):
             self._timing[0],
         )
 
+    def _check_last_commands(self) -> None:
+        """Raise what :meth:`step` could not on a device without waiting for it."""
+        if self.device.type == "cpu" or bool(self._all_finite):
+            return
+        self._all_finite.fill_(True)
+        raise ValueError("command must be finite, got NaN or infinity since the last reset")
+
+    def _finite(self, command: Tensor) -> Tensor:
+        """Return a device's command with zeros for what is not finite, and take note of that."""
+        if self.device.type == "cpu":
+            return command
+        self._all_finite.logical_and_(torch.isfinite(command).all())
+        return torch.nan_to_num(command, nan=0.0, posinf=0.0, neginf=0.0)
+
     def step(self, command: Tensor) -> SimState:
         self.check_command(command)
         if not self._is_ready:
@@ -163,7 +181,7 @@ class BatchedSimulator(Simulator):
         rows = self._rows
         step_worlds_kernel(
             *(rows[name] for name in ("pose", "velocity", "tick", "contact")),
-            command.double().contiguous(),
+            self._finite(command).double().contiguous(),
             self._drive,
             self._timing,
             *(rows[name] for name in ("walls", "num_walls", "route", "route_arc", "walk", "boxes")),

@@ -54,9 +54,10 @@ class BulletSimulator(Simulator):
         substeps: contact checks a step.
         max_pedestrians: K, rows of :attr:`SimState.pedestrians`.
         gui: whether to show world 0 in PyBullet's window, in real time.
+        device: ``cpu``, PyBullet has no other.
 
     Raises:
-        ValueError: a value is not positive.
+        ValueError: a value is not positive, or ``device`` is not ``cpu``.
         RuntimeError: ``gui`` without a display, or PyBullet gives no more clients.
 
     Reference:
@@ -73,8 +74,13 @@ class BulletSimulator(Simulator):
         substeps: int = 10,
         max_pedestrians: int = 10,
         gui: bool = False,
+        device: torch.device | str = "cpu",
     ) -> None:
         self._client: Client | None = None
+        if str(device) != "cpu":
+            raise ValueError(
+                f"device={str(device)!r}: PyBullet runs on the cpu; simulator=batched runs on both"
+            )
         positive = {
             "num_worlds": num_worlds,
             "time_step_s": time_step_s,

@@ -146,26 +146,49 @@ class Simulator(ABC):
             raise ValueError(f"worlds must be [M] int64, got {list(worlds.shape)} {worlds.dtype}")
         if len(worlds) != len(scenarios):
             raise ValueError(f"{len(worlds)} worlds to reset but {len(scenarios)} scenarios")
-        if bool(((worlds < 0) | (worlds >= self.num_worlds)).any()):
+        if len(worlds) == 0:
+            return
+        inside = worlds.clamp(0, self.num_worlds - 1)
+        times = worlds.new_zeros(self.num_worlds).index_add_(0, inside, torch.ones_like(worlds))
+        most = scenarios.ped_present.sum(-1).amax()
+        bad_walls = _impossible(scenarios.boxes, scenarios.num_boxes)
+        verdicts = [
+            (inside != worlds).any(),
+            times.amax() > 1,
+            most > self.max_pedestrians,
+            ~torch.isfinite(scenarios.start).all(),
+            bad_walls.any(),
+        ]
+        # All verdicts at once, since a device has to be waited for.
+        outside, repeated, crowded, nowhere, impossible = torch.stack(verdicts).tolist()
+        if outside:
             raise ValueError(f"worlds must be within 0..{self.num_worlds - 1}")
-        if len(worlds.unique()) != len(worlds):
+        if repeated:
             raise ValueError("worlds must be distinct")
-        most = int(scenarios.ped_present.sum(-1).max()) if len(worlds) else 0
-        if most > self.max_pedestrians:
+        if crowded:
             raise ValueError(
-                f"a scenario has {most} pedestrians, max_pedestrians is {self.max_pedestrians}"
+                f"a scenario has {int(most)} pedestrians, max_pedestrians is {self.max_pedestrians}"
             )
-        if not bool(torch.isfinite(scenarios.start).all()):
+        if nowhere:
             raise ValueError("scenarios.start must be finite")
-        check_walls(scenarios.boxes, scenarios.num_boxes)
+        if impossible:
+            row, wall = bad_walls.nonzero()[0].tolist()
+            raise ValueError(
+                f"wall {wall} of scenario {row} must be finite with half sizes >= 0, "
+                f"got {scenarios.boxes[row, wall].tolist()}"
+            )
 
     def check_command(self, command: Tensor) -> None:
-        """Raise the ``ValueError`` that :meth:`step` promises."""
+        """Raise the ``ValueError`` that :meth:`step` promises.
+
+        Whether numbers are finite is looked at on the CPU only: a device would have to be waited
+        for.
+        """
         if command.shape != (self.num_worlds, 2):
             raise ValueError(f"command must be [{self.num_worlds}, 2], got {list(command.shape)}")
         if command.device != self.device:
             raise ValueError(f"command must be on {self.device}, got {command.device}")
-        if not bool(torch.isfinite(command).all()):
+        if self.device.type == "cpu" and not bool(torch.isfinite(command).all()):
             raise ValueError("command must be finite, got NaN or infinity")
 
     def close(self) -> None:
@@ -173,17 +196,7 @@ class Simulator(ABC):
         return
 
 
-def check_walls(boxes: Tensor, num_boxes: Tensor) -> None:
-    """Raise if a wall among the leading ``num_boxes`` [M] of ``boxes`` [M, W, 5] is impossible.
-
-    Raises:
-        ValueError: it is not finite or has a negative size.
-    """
-    counts = torch.arange(boxes.shape[1]) < num_boxes[:, None]
-    bad = counts & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))
-    if bool(bad.any()):
-        row, wall = bad.nonzero()[0].tolist()
-        raise ValueError(
-            f"wall {wall} of scenario {row} must be finite with half sizes >= 0, "
-            f"got {boxes[row, wall].tolist()}"
-        )
+def _impossible(boxes: Tensor, num_boxes: Tensor) -> Tensor:
+    """Return [M, W], which leading ``num_boxes`` [M] of ``boxes`` [M, W, 5] no wall can be."""
+    is_wall = torch.arange(boxes.shape[1], device=boxes.device) < num_boxes[:, None]
+    return is_wall & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))

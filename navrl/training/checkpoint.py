@@ -40,11 +40,11 @@ class CheckpointStore:
         os.replace(fresh, self._file)
 
     def load(self) -> dict:
-        """Read the last state.
+        """Read the last state into the memory of the CPU, whatever device it was saved from.
 
         Raises:
             FileNotFoundError: If there is none.
         """
         if not self.exists:
             raise FileNotFoundError(f"no checkpoint at {self._file}")
-        return torch.load(self._file, weights_only=True)
+        return torch.load(self._file, map_location="cpu", weights_only=True)

@@ -123,7 +123,8 @@ class DirectCollector:
         """Put every world back where it was."""
         self.env.reset()
         self.env.base_env.load_episode_state(state["environment"])
-        self._carrier = TensorDict(state["carrier"], self.env.batch_size)
+        carrier = TensorDict(state["carrier"], self.env.batch_size)
+        self._carrier = carrier.to(self.env.device)
 
     def close(self) -> None:
         """Close the simulator."""

@@ -79,6 +79,7 @@ class NStepReturn:
         """Return the steps that are held back."""
         return [step.to_dict() for step in self._window]
 
-    def load_state_dict(self, state: list[dict]) -> None:
-        """Restore what :meth:`state_dict` returned."""
-        self._window = [TensorDict(step, [len(step["next"]["done"])]) for step in state]
+    def load_state_dict(self, state: list[dict], device: torch.device | str = "cpu") -> None:
+        """Restore what :meth:`state_dict` returned, on ``device``."""
+        steps = [TensorDict(step, [len(step["next"]["done"])]) for step in state]
+        self._window = [step.to(device) for step in steps]

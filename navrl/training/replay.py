@@ -12,6 +12,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 
 from navrl import keys
+from navrl.ops.backend import find_device
 from navrl.training.n_step import NStepReturn
 
 _DTYPES = {"float16": torch.float16, "float32": torch.float32}
@@ -67,6 +68,8 @@ class Replay:
             where float16 errs by at most 0.9 mm at 3.5 m, a thirtieth of the sensor's noise.
         num_steps: Steps a transition spans; see :class:`navrl.training.n_step.NStepReturn`.
         gamma: Discount factor per step, used if ``num_steps`` > 1.
+        device: Where transitions are kept and batches are drawn; those that come from elsewhere are
+            copied there.
 
     Raises:
         ValueError: If a size is not positive or ``storage`` is unknown.
@@ -83,6 +86,7 @@ class Replay:
         storage: str = "float16",
         num_steps: int = 1,
         gamma: float = 0.98,
+        device: torch.device | str = "cpu",
     ) -> None:
         if capacity <= 0 or batch_size <= 0:
             raise ValueError(f"capacity={capacity}, batch_size={batch_size}: must be > 0")
@@ -90,7 +94,9 @@ class Replay:
         self._compact = Compact(observation_keys, storage)
         self._n_step = partial(NStepReturn, num_steps, gamma)
         self._streams: dict[int, NStepReturn] = {0: self._n_step()}
-        self._buffer = ReplayBuffer(storage=LazyTensorStorage(capacity), batch_size=batch_size)
+        self.device = find_device(device)
+        storage = LazyTensorStorage(capacity, device=self.device)
+        self._buffer = ReplayBuffer(storage=storage, batch_size=batch_size)
         self.written = 0
         self._journaled = 0
         self._chunks: list[tuple[int, int]] = []
@@ -107,7 +113,11 @@ class Replay:
         """
         if stream not in self._streams:
             self._streams[stream] = self._n_step()
-        complete = self._streams[stream](self._compact(transitions))
+        compact = self._compact(transitions)
+        if self.device.type != "cpu":
+            # Without a device of its own, so that TorchRL's indices stay on the CPU: it reads them.
+            compact = compact.to(self.device, non_blocking=True).clear_device_()
+        complete = self._streams[stream](compact)
         if complete is not None:
             self._buffer.extend(complete)
             self.written += len(complete)
@@ -139,7 +149,7 @@ class Replay:
         start = max(self._journaled, self.written - self.capacity)
         if self.written > start:
             rows = torch.arange(start, self.written) % self.capacity
-            flat = self._buffer.storage[rows].flatten_keys(".").to_dict()
+            flat = self._buffer.storage[rows].cpu().flatten_keys(".").to_dict()
             save_file({k: v.contiguous() for k, v in flat.items()}, self._file(folder, start))
             self._chunks.append((start, self.written))
         self._journaled = self.written
@@ -167,14 +177,14 @@ class Replay:
         self.written = self._journaled = int(state["written"])
         for stream, steps in state.get("streams", {}).items():
             self._streams[stream] = self._n_step()
-            self._streams[stream].load_state_dict(steps)
+            self._streams[stream].load_state_dict(steps, self.device)
         self._chunks = [tuple(chunk) for chunk in state["chunks"]]
         storage = self._buffer.storage
         for start, end in self._chunks:
             file = self._file(folder, start)
             if not file.is_file():
                 raise FileNotFoundError(f"replay journal: {file} is missing")
-            flat = TensorDict(load_file(file), [end - start])
+            flat = TensorDict(load_file(file), [end - start]).to(self.device)
             storage.set(torch.arange(start, end) % self.capacity, flat.unflatten_keys("."))
         self._buffer.writer.load_state_dict({"_cursor": self.written % self.capacity})
         self.prune(folder)

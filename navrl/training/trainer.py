@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
+from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from tqdm import tqdm
 
@@ -69,10 +70,10 @@ class Progress:
 
 @dataclass
 class _Window:
-    """Sums since the last row of the log."""
+    """Sums since the last row of the log; tensors on their device, which nothing waits for."""
 
-    terms: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-    outcomes: Counter = field(default_factory=Counter)
+    terms: dict[str, torch.Tensor] = field(default_factory=lambda: defaultdict(float))
+    outcomes: torch.Tensor | int = 0  # episodes ended, by outcome
     learning: dict[str, torch.Tensor] = field(default_factory=dict)
     phases: Phases = field(default_factory=Phases)
     frames: int = 0
@@ -122,6 +123,7 @@ class Trainer:
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
         self._window = _Window()
+        self._ended: torch.Tensor | int = 0  # episodes that the counter does not hold yet
 
     def run(self) -> Progress:
         """Train, resuming from the folder's checkpoint if there is one.
@@ -185,14 +187,19 @@ class Trainer:
             self.replay.extend(stepped, stream)
         following = stepped["next"]
         for name, term in following[keys.REWARD_TERMS].items():
-            window.terms[name] += float(term.sum())
-        ended = following[keys.OUTCOME][following["done"]]
-        window.outcomes.update(ended.tolist())
+            window.terms[name] += term.sum().double()
+        ended = _count_outcomes(following)
+        window.outcomes = window.outcomes + ended
+        self._ended = self._ended + ended.sum()
         frames = stepped.numel()
         window.frames += frames
         self.progress.frames += frames
-        self.progress.episodes += len(ended)
         return frames
+
+    def _count_episodes(self) -> None:
+        """Bring the counter of episodes up to date."""
+        self.progress.episodes += int(self._ended)
+        self._ended = 0
 
     def _update(self) -> None:
         with self._window.phases("replay_sample"):
@@ -216,10 +223,12 @@ class Trainer:
 
     def _report(self, log: MetricsLog, bar: tqdm) -> None:
         window, self._window = self._window, _Window()
+        self._count_episodes()
         seconds = sum(window.phases.seconds.values())
-        ended = max(sum(window.outcomes.values()), 1)
+        outcomes = window.outcomes.tolist()
+        ended = max(sum(outcomes), 1)
         rates = {
-            f"train/{outcome.name.lower()}_rate": window.outcomes[outcome] / ended
+            f"train/{outcome.name.lower()}_rate": outcomes[outcome] / ended
             for outcome in Outcome
             if outcome is not Outcome.RUNNING
         }
@@ -228,7 +237,7 @@ class Trainer:
             self.progress.frames,
             self.progress.updates,
             {
-                **{f"reward/{k}": v / frames for k, v in window.terms.items()},
+                **{f"reward/{k}": float(v) / frames for k, v in window.terms.items()},
                 **rates,
                 **{f"learn/{k}": float(v) / window.updates for k, v in window.learning.items()},
                 **{f"seconds/{k}": v / window.updates for k, v in window.phases.seconds.items()},
@@ -266,6 +275,7 @@ class Trainer:
     # --- checkpoints -----------------------------------------------------------------------------
 
     def _save(self) -> None:
+        self._count_episodes()
         self.checkpoints.save(
             {
                 "progress": vars(self.progress),
@@ -274,6 +284,7 @@ class Trainer:
                 "replay": self.replay.save(self.checkpoints.journal),
                 **self.collector.state_dict(),
                 "rng": torch.get_rng_state(),
+                **self._device_rng(),
             }
         )
         self.replay.prune(self.checkpoints.journal)
@@ -288,7 +299,20 @@ class Trainer:
         if not self.collector.resumes_episodes:
             self.replay.forget_held_back()
         torch.set_rng_state(state["rng"])
+        if "device_rng" in state and self.replay.device.type == "cuda":
+            torch.cuda.set_rng_state(state["device_rng"], self.replay.device)
+
+    def _device_rng(self) -> dict[str, torch.Tensor]:
+        """Return the state of the learner's device's random numbers, if it has its own."""
+        device = self.replay.device
+        return {} if device.type == "cpu" else {"device_rng": torch.cuda.get_rng_state(device)}
 
 
 def _crossed(before: int, after: int, interval: int) -> bool:
     return before // interval != after // interval
+
+
+def _count_outcomes(following: TensorDictBase) -> torch.Tensor:
+    """Return ``[outcomes]`` int64, how many of the episodes ended in which way at this step."""
+    outcome, done = following[keys.OUTCOME].flatten(), following["done"].flatten()
+    return outcome.new_zeros(len(Outcome)).index_add_(0, outcome, done.to(outcome.dtype))

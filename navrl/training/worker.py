@@ -25,14 +25,15 @@ class WorkerPolicy(TensorDictModuleBase):
     buffers beside the actor's weights. So any way of copying weights to workers copies them too.
 
     Args:
-        behaviour: What acts; copied, so that the learner's actor stays its own.
+        behaviour: What acts; copied, so that the learner's actor stays its own. The copy is on the
+            CPU, where workers act, whatever device the learner is on.
     """
 
     def __init__(self, behaviour: Behaviour) -> None:
         super().__init__()
         self._source = [behaviour.actor]  # in a list: no submodule, and not sent along
         self.behaviour = deepcopy(behaviour)
-        self.actor = self.behaviour.actor.requires_grad_(False)
+        self.actor = self.behaviour.actor.requires_grad_(False).cpu()
         self.in_keys, self.out_keys = list(self.actor.in_keys), [keys.ACTION, keys.MAX_DYNAMIC]
         self.register_buffer("frames", torch.zeros((), dtype=torch.int64))
         self.register_buffer("max_dynamic", torch.zeros((), dtype=torch.int64))

@@ -92,14 +92,17 @@ def map_reset_rows(
         ``tensordict_reset`` with the outputs.
     """
     mask = tensordict.get("_reset", None)
-    if mask is None or mask.shape != (*tensordict_reset.batch_size, 1) or mask.all():
+    if mask is None or mask.shape != (*tensordict_reset.batch_size, 1):
         return transform._call(tensordict_reset)
     mask = mask.squeeze(-1)
-    rows = transform._call(tensordict_reset.select(*transform.in_keys, strict=False)[mask])
+    index = mask.nonzero(as_tuple=True)  # once: a device has to be waited for
+    if len(index[0]) == mask.numel():
+        return transform._call(tensordict_reset)
+    rows = transform._call(tensordict_reset.select(*transform.in_keys, strict=False)[index])
     for key in transform.out_keys:
         value = rows.get(key)
         whole = value.new_zeros(*mask.shape, *value.shape[1:])
-        whole[mask] = value
+        whole[index] = value
         tensordict_reset.set(key, whole)
     return tensordict_reset
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import os
 from pathlib import Path
@@ -54,20 +55,28 @@ class ScenarioPool:
     def __len__(self) -> int:
         return len(self.batch)
 
+    def to(self, device: torch.device | str) -> ScenarioPool:
+        """Return a pool whose scenarios are in the memory of ``device``; its draws are the same."""
+        pool = copy.copy(self)
+        pool.batch, pool._num_dynamic = self.batch.to(device), self._num_dynamic.to(device)
+        return pool
+
     def draw(
         self, generator: torch.Generator, count: int, max_dynamic: int | None = None
     ) -> ScenarioBatch:
         """Draw scenarios with replacement.
 
         Args:
-            generator: Source of all randomness.
+            generator: Source of all randomness, on the CPU whatever the pool's device, so that the
+                same seed gives the same episodes everywhere.
             count: How many.
             max_dynamic: Each keeps 1 to this many of its dynamic pedestrians, uniformly; ``None``
                 keeps all.
         """
         rows = torch.randint(len(self.batch), (count,), generator=generator)
         empty = torch.rand(count, generator=generator) < self.empty_share
-        return self._vary(rows, generator, max_dynamic).without_pedestrians(empty)
+        batch = self._vary(rows, generator, max_dynamic)
+        return batch.without_pedestrians(empty.to(self.batch.start.device))
 
     def all(self, generator: torch.Generator, max_dynamic: int | None = None) -> ScenarioBatch:
         """Return every scenario once, in order, varied as in :meth:`draw` but never emptied."""
@@ -77,13 +86,15 @@ class ScenarioPool:
         self, rows: Tensor, generator: torch.Generator, max_dynamic: int | None
     ) -> ScenarioBatch:
         seeds = torch.randint(2**32, rows.shape, generator=generator)
-        batch = self.batch[rows].with_noise_seed(seeds)
+        device = self.batch.start.device
+        rows = rows.to(device)
+        batch = self.batch[rows].with_noise_seed(seeds.to(device))
         if max_dynamic is None:
             return batch
         if max_dynamic < 1:
             raise ValueError(f"max_dynamic={max_dynamic}: must be >= 1")
         most = self._num_dynamic[rows].clamp(max=max_dynamic).clamp_min(1)
-        share = torch.rand(rows.shape, generator=generator, dtype=torch.float64)
+        share = torch.rand(rows.shape, generator=generator, dtype=torch.float64).to(device)
         return batch.with_num_dynamic((share * most).long() + 1)
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -63,3 +64,15 @@ def test_a_quarter_turn_is_counter_clockwise():
 def test_wrap_angle_of_the_seam_is_plus_pi():
     seam = torch.tensor([math.pi, -math.pi], dtype=torch.float64)
     torch.testing.assert_close(se2.wrap_angle(seam), torch.full_like(seam, math.pi))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_points_move_alike_row_by_row_and_broadcast(dtype):
+    """The first is a kernel's work, the second torch's; to the last bit."""
+    generator = torch.Generator().manual_seed(3)
+    motion = torch.rand(7, 3, generator=generator).to(dtype) * 6 - 3
+    points = torch.rand(7, 180, 2, generator=generator).to(dtype) * 7 - 3.5
+    row_by_row = se2.transform_points(motion, points)
+    assert row_by_row.dtype == dtype
+    broadcast = torch.stack([se2.transform_points(motion, points[n])[n] for n in range(7)])
+    assert torch.equal(row_by_row, broadcast)

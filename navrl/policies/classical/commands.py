@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import torch
 from torch import Tensor
 
@@ -18,12 +20,18 @@ def normalized_action(robot: DifferentialDrive, command: Tensor) -> Tensor:
     Returns:
         ``[*B, 2]`` in [-1, 1], float32.
     """
-    low, high = torch.tensor(robot.command_limits, dtype=torch.float64, device=command.device)
+    low, high = _limits(robot.command_limits, torch.float64, command.device)
     action = (2 * command.double() - (low + high)) / (high - low)
     return action.clamp(-1.0, 1.0).float()
 
 
 def physical_command(robot: DifferentialDrive, action: Tensor) -> Tensor:
     """Undo :func:`normalized_action`: ``[*B, 2]`` in [-1, 1] to (v, w)."""
-    low, high = torch.tensor(robot.command_limits, dtype=action.dtype, device=action.device)
+    low, high = _limits(robot.command_limits, action.dtype, action.device)
     return low + (action + 1) / 2 * (high - low)
+
+
+@functools.lru_cache(maxsize=16)
+def _limits(limits: tuple, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Return the limits as a tensor, copied to a device once: a copy waits for the device."""
+    return torch.tensor(limits, dtype=dtype, device=device)

@@ -1,0 +1,117 @@
+"""Everything that training does every step stays on its device, and waits for nothing."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from runs import tiny_trainer
+
+from navrl import keys
+from navrl.build import make_agent
+from navrl.build.environment import make_training_env
+from navrl.config import compose, instantiate
+from navrl.training.worker import WorkerPolicy
+
+HERE = Path(__file__).parent
+KERNELS = {"project_kernel", "points_at_kernel", "step_worlds_kernel", "scan_worlds_kernel"}
+KERNELS |= {"add_range_noise_kernel", "min_pool_kernel"}
+OPTIONS = ["pool_size=8", "num_worlds=6", "num_threads=1", "experiment=paper"]
+
+
+def fake_training(*arguments: str) -> list[str]:
+    """Return what a training on a device that is not there printed, word by word."""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", HERE / "fake_cuda.py", *arguments],
+        env={**os.environ, "PYTHONPATH": str(HERE.parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1].split()
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["experiment=paper", "replay=n_step"],
+        pytest.param(["experiment=liang", "behaviour=guided"], marks=pytest.mark.slow),
+        ["experiment=subgoal"],
+        pytest.param(
+            ["experiment=paper_literal", "reward=progress_potential"], marks=pytest.mark.slow
+        ),
+    ],
+    ids=lambda overrides: overrides[0].partition("=")[2],
+)
+def test_a_step_of_training_stays_on_its_device(overrides):
+    assert set(fake_training(*overrides)) >= KERNELS
+
+
+@pytest.mark.parametrize(
+    "planted, error",
+    [
+        ("mixed", "FakeTensorDeviceMismatchError"),
+        pytest.param("asked", "DataDependentOutputException", marks=pytest.mark.slow),
+        pytest.param("copied", "AssertionError", marks=pytest.mark.slow),
+    ],
+)
+def test_what_does_not_stay_there_is_seen(planted, error):
+    assert fake_training(planted, "experiment=quick") == [error]
+
+
+@pytest.mark.gpu
+def test_training_on_a_gpu_sees_what_training_on_the_cpu_sees():
+    seen = {}
+    for device in ("cpu", "cuda"):
+        env = make_training_env(compose("train", [*OPTIONS, f"device={device}"]), 0)
+        carrier, rows = env.reset(), []
+        for step in range(40):
+            generator = torch.Generator().manual_seed(step)
+            action = torch.rand(6, 2, generator=generator) * 2 - 1
+            stepped, carrier = env.step_and_maybe_reset(carrier.set(keys.ACTION, action.to(device)))
+            rows.append(
+                stepped["next"].select(keys.RANGES, keys.POSE, keys.OUTCOME, "reward").cpu()
+            )
+        seen[device] = torch.stack(rows)
+        env.close()
+    for name in (keys.POSE, keys.OUTCOME, "reward"):
+        torch.testing.assert_close(seen["cuda"][name], seen["cpu"][name], atol=1e-3, rtol=0)
+    differ = (seen["cuda"][keys.RANGES] - seen["cpu"][keys.RANGES]).abs() > 1e-3
+    assert differ.float().mean() < 1e-4, "more than beams that graze an edge"
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("options", [[], ["collector=process", "collector.num_workers=1"]])
+def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
+    options = [*options, "schedule.checkpoint_every_s=1e9", "algorithm.precision=float32"]
+    gpu = ["device=cuda", "algorithm.cuda_graph=true"]
+    trainer = tiny_trainer(tmp_path, [*options, *gpu])
+    assert trainer.run().frames == 480 and trainer.progress.episodes > 0
+    saved = trainer.algorithm.state_dict()["loss"]
+    assert all(weight.is_cuda for weight in saved.values())
+    for device in (gpu, []):
+        resumed = tiny_trainer(tmp_path, [*options, *device, "schedule.total_frames=960"])
+        resumed._restore()
+        for name, weight in resumed.algorithm.state_dict()["loss"].items():
+            torch.testing.assert_close(weight.cpu(), saved[name].cpu())
+        assert len(resumed.replay) == len(trainer.replay)
+        assert resumed.replay.sample()["action"].is_cuda == bool(device)
+    assert resumed.run().frames == 960
+
+
+@pytest.mark.gpu
+def test_workers_get_the_weights_of_a_learner_on_a_gpu():
+    cfg = compose("train", [*OPTIONS, "device=cuda"])
+    actor, _ = make_agent(cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]})
+    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration))
+    policy = WorkerPolicy(behaviour)
+    with torch.no_grad():
+        for weight in actor.parameters():
+            weight += 1.0
+    sent = policy.refresh(7, 2)
+    assert all(value.device.type == "cpu" for value in sent.values(True, True))
+    for weight, copy in zip(actor.parameters(), policy.actor.parameters(), strict=True):
+        assert torch.equal(weight.cpu(), copy) and not copy.requires_grad
