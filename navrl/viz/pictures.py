@@ -99,7 +99,7 @@ def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) ->
 
 
 def mp4(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
-    """An episode as MP4; needs ``navrl[video]``."""
+    """An episode as MP4; needs the program ffmpeg."""
     return [save_mp4(find_recordings(sources)[0], out.with_suffix(".mp4"), frames_per_s)]
 
 
