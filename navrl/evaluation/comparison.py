@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import yaml
-from scipy.stats import binomtest
 
-from navrl.evaluation.statistics import wilson_interval
+from navrl.evaluation.statistics import (
+    PairedDifference,
+    mcnemar_p_value,
+    paired_difference,
+    stratified_bootstrap,
+    wilson_interval,
+)
 
 CHEATING = ("orca", "oracle")
 """Controllers that read the true state, which no lidar gives."""
@@ -68,6 +75,8 @@ class ComparisonRow:
         difference: Success rate less the reference's, on the same episodes; ``None`` of the
             reference itself and where there is none.
         p_value: Of that difference, exact McNemar test; ``None`` likewise.
+        time_difference: s more than the reference over the episodes that both won, by a paired
+            bootstrap; ``None`` likewise, and without such an episode.
         published: The paper's own figures: rates in [0, 1] and ``time`` in s; empty without any.
         cheats: Whether the true state is read.
         folder: Where the row comes from.
@@ -81,9 +90,31 @@ class ComparisonRow:
     time_s: float | None
     difference: float | None
     p_value: float | None
+    time_difference: PairedDifference | None
     published: Mapping[str, float]
     cheats: bool
     folder: str
+
+
+@dataclass(frozen=True)
+class SeedsRow:
+    """Several trainings of one setting, from different seeds.
+
+    Args:
+        policy: Name without its seed.
+        runs: Number of trainings.
+        least: Success rate of the worst run.
+        most: Of the best run.
+        success: Interquartile mean over runs and kinds of worlds.
+        interval: 95 %, stratified bootstrap over the runs.
+    """
+
+    policy: str
+    runs: int
+    least: float
+    most: float
+    success: float
+    interval: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -96,6 +127,7 @@ class ComparisonTable:
         simulator: Name.
         reference: What others are compared with; ``None`` if it is not among them.
         rows: One a policy.
+        seeds: One for several runs ``NAME_seed_K`` of one name.
     """
 
     suite: str
@@ -103,6 +135,7 @@ class ComparisonTable:
     simulator: str
     reference: str | None
     rows: Sequence[ComparisonRow]
+    seeds: Sequence[SeedsRow]
 
 
 def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
@@ -168,7 +201,9 @@ def _table(
         rows.append(_row(label, evaluation, other, published))
     rows.sort(key=lambda row: (-row.rates["success"], row.policy))
     has_reference = any(row.difference is not None for row in rows) or reference in by_label
-    return ComparisonTable(*setting, reference if has_reference else None, rows)
+    return ComparisonTable(
+        *setting, reference if has_reference else None, rows, _over_seeds(by_label)
+    )
 
 
 def _row(
@@ -178,9 +213,10 @@ def _row(
     total = int(summary["episodes"])
     rates = {name: float(summary[f"{name}_rate"]) for name in _RATES}
     counts = {name: round(rate * total) for name, rate in rates.items()}
-    difference = p_value = None
+    difference = p_value = time_difference = None
     if other is not None and other is not evaluation:
         difference, p_value = _paired(evaluation.succeeded(), other.succeeded())
+        time_difference = _time_difference(evaluation, other)
     return ComparisonRow(
         policy=label,
         episodes=total,
@@ -190,6 +226,7 @@ def _row(
         time_s=summary.get("navigation_time_s"),
         difference=difference,
         p_value=p_value,
+        time_difference=time_difference,
         published=published.get(_without_seed(label), {}),
         cheats=summary["policy"] in CHEATING,
         folder=str(evaluation.folder),
@@ -201,14 +238,36 @@ def _paired(mine: Mapping[int, bool], theirs: Mapping[int, bool]) -> tuple[float
     both = sorted(mine.keys() & theirs.keys())
     first, second = [mine[i] for i in both], [theirs[i] for i in both]
     difference = (sum(first) - sum(second)) / len(both)
-    return difference, _mcnemar_p_value(first, second)
+    return difference, mcnemar_p_value(first, second)
 
 
-def _mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
-    """Return the exact two-sided p-value: of the episodes that one alone won, who won how many."""
-    only_first = sum(a and not b for a, b in zip(first, second, strict=True))
-    only_one = sum(a != b for a, b in zip(first, second, strict=True))
-    return float(binomtest(only_first, only_one).pvalue) if only_one else 1.0
+def _time_difference(mine: Evaluation, theirs: Evaluation) -> PairedDifference | None:
+    """Return how much longer ``mine`` took over the episodes that both won."""
+    won = {i for i, success in mine.succeeded().items() if success}
+    won &= {i for i, success in theirs.succeeded().items() if success}
+    if not won:
+        return None
+    first, second = (
+        [float(e.episodes[index]["time_s"]) for index in sorted(won)] for e in (mine, theirs)
+    )
+    return paired_difference(first, second)
+
+
+def _over_seeds(by_label: Mapping[str, Evaluation]) -> list[SeedsRow]:
+    groups: dict[str, list[Evaluation]] = {}
+    for label, evaluation in by_label.items():
+        if _without_seed(label) != label:
+            groups.setdefault(_without_seed(label), []).append(evaluation)
+    return [_seeds_row(name, runs) for name, runs in groups.items() if len(runs) > 1]
+
+
+def _seeds_row(name: str, runs: Sequence[Evaluation]) -> SeedsRow:
+    rates = [float(run.summary["success_rate"]) for run in runs]
+    worlds = [run.summary.get("by_scenario") or {"all": run.summary} for run in runs]
+    scores = [[part["success_rate"] for _, part in sorted(parts.items())] for parts in worlds]
+    estimate = stratified_bootstrap(np.array(scores))
+    interval = estimate.low, estimate.high
+    return SeedsRow(name, len(runs), min(rates), max(rates), estimate.value, interval)
 
 
 def _distinct_labels(members: Sequence[Evaluation]) -> list[str]:
@@ -227,5 +286,4 @@ def _reference_of(label: str, reference: str, known: Iterable[str]) -> str:
 
 
 def _without_seed(label: str) -> str:
-    name, marker, seed = label.rpartition("_seed_")
-    return name if marker and seed.isdigit() else label
+    return re.sub(r"_seed_\d+$", "", label)

@@ -25,7 +25,7 @@ def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Pa
     texts = {
         ".md": "\n".join(markdown(table) for table in tables),
         ".csv": comma_separated(tables),
-        ".json": json.dumps([asdict(table) for table in tables], indent=2) + "\n",
+        ".json": json.dumps([_plain(table) for table in tables], indent=2) + "\n",
     }
     files = [folder / f"{NAME}{suffix}" for suffix in texts]
     for file, text in zip(files, texts.values(), strict=True):
@@ -33,12 +33,20 @@ def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Pa
     return files
 
 
+def _plain(table: ComparisonTable) -> dict:
+    """Return a table as plain data, the difference in time under names of its own."""
+    plain = asdict(table)
+    for row, stored in zip(table.rows, plain["rows"], strict=True):
+        stored["time_difference"] = row.time_difference and row.time_difference._asdict()
+    return plain
+
+
 def markdown(table: ComparisonTable) -> str:
     """Return a table with all that is needed to judge it: sample sizes, intervals and the hash."""
     reference = table.reference
     header = ["policy", "n", *_RATES, "time of successes"]
     if reference:
-        header += [f"success vs `{reference}`", "p (McNemar)"]
+        header += [f"success vs `{reference}`", "p (McNemar)", f"time vs `{reference}`"]
     has_published = any(row.published for row in table.rows)
     if has_published:
         header += ["the paper's own success / collision / timeout / time"]
@@ -46,11 +54,7 @@ def markdown(table: ComparisonTable) -> str:
         f"### {table.suite}, {table.simulator}",
         "",
         f"Episodes: hash `{table.suite_hash}`. Rates with 95 % Wilson intervals"
-        + (
-            f"; differences on the same episodes, in points, to `{reference}`."
-            if reference
-            else "."
-        ),
+        + (f"; differences on the same episodes to `{reference}`." if reference else "."),
         "",
         "| " + " | ".join(header) + " |",
         "|" + "---|" * len(header),
@@ -58,7 +62,7 @@ def markdown(table: ComparisonTable) -> str:
     lines += ["| " + " | ".join(_cells(row, reference, has_published)) + " |" for row in table.rows]
     if any(row.cheats for row in table.rows):
         lines += ["", "\\* reads the true state of walls and pedestrians: no rival, a ceiling."]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + _seeds(table)) + "\n"
 
 
 def comma_separated(tables: Sequence[ComparisonTable]) -> str:
@@ -71,6 +75,21 @@ def comma_separated(tables: Sequence[ComparisonTable]) -> str:
     return text.getvalue()
 
 
+def _seeds(table: ComparisonTable) -> list[str]:
+    """Return a second table of what several training seeds gave; nothing without any."""
+    if not table.seeds:
+        return []
+    header = ["policy", "seeds", "interquartile mean of success", "worst", "best"]
+    lines = ["", "| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    for row in table.seeds:
+        low, high = row.interval
+        mean = f"{100 * row.success:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+        ends = f"{100 * row.least:.1f} % | {100 * row.most:.1f} %"
+        lines.append(f"| `{row.policy}` | {row.runs} | {mean} | {ends} |")
+    note = "Over kinds of worlds and seeds, with 95 % intervals by a stratified bootstrap."
+    return [*lines, "", note]
+
+
 def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> list[str]:
     errors = f" ({row.errors} errors)" if row.errors else ""
     cells = [f"`{row.policy}`" + ("\\*" if row.cheats else ""), f"{row.episodes:,}{errors}"]
@@ -80,8 +99,9 @@ def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> li
     cells.append(_NOTHING if row.time_s is None else f"{row.time_s:.1f} s")
     if reference:
         known = row.difference is not None
-        cells.append(f"{100 * row.difference:+.1f}" if known else _NOTHING)
+        cells.append(f"{100 * row.difference:+.1f} points" if known else _NOTHING)
         cells.append(_p_value(row.p_value) if known else _NOTHING)
+        cells.append(_time_difference(row))
     if has_published:
         cells.append(_published(row))
     return cells
@@ -89,6 +109,13 @@ def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> li
 
 def _p_value(value: float) -> str:
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _time_difference(row: ComparisonRow) -> str:
+    if row.time_difference is None:
+        return _NOTHING
+    value, low, high, _, _ = row.time_difference
+    return f"{value:+.1f} s [{low:+.1f}, {high:+.1f}]"
 
 
 def _published(row: ComparisonRow) -> str:
@@ -117,6 +144,13 @@ def _flat(table: ComparisonTable, row: ComparisonRow) -> dict[str, object]:
         flat |= {f"{name}_rate": row.rates[name], f"{name}_low": low, f"{name}_high": high}
     flat |= {"navigation_time_s": row.time_s, "reference": table.reference}
     flat |= {"success_difference": row.difference, "p_value": row.p_value}
+    time = row.time_difference
+    flat |= {
+        "time_difference_s": time and time.value,
+        "time_low_s": time and time.low,
+        "time_high_s": time and time.high,
+        "won_by_both": time and time.n,
+    }
     for name in (*_RATES, "time"):
         flat[f"paper_{name}"] = row.published.get(name)
     return {name: "" if value is None else value for name, value in flat.items()}

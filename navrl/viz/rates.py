@@ -114,15 +114,33 @@ def rate_points(evaluation: Evaluation) -> list[RatePoint]:
 
 
 def _setting(evaluation: Evaluation) -> tuple[int, float] | None:
-    """Return number and speed of the walking pedestrians, by the config or the suite's name."""
+    """Return number and speed of the walking pedestrians; ``None`` of another kind of suite.
+
+    The episodes tell, in files of before they did the configuration, or else the suite's name.
+    """
     name = str(evaluation.summary["suite"])
-    match = re.fullmatch(r"(speed|density)\D*(\d+(?:[._]\d+)?)", name)
-    if match is not None:
-        value = float(match[2].replace("_", "."))
-        return (_TABLE[0], value) if match[1] == "speed" else (int(value), _TABLE[1])
-    if name != "table1":
+    if not name.startswith(("table1", "speed", "density")):
         return None
-    return _configured_setting(evaluation.folder / "config.yaml") or _TABLE
+    configured = _configured_setting(evaluation.folder / "config.yaml")
+    return _played_setting(evaluation) or configured or _named_setting(name)
+
+
+def _played_setting(evaluation: Evaluation) -> tuple[int, float] | None:
+    rows = evaluation.episodes.values()
+    settings = {(row.get("num_dynamic"), row.get("pedestrian_speed_mps")) for row in rows}
+    counts = {count for count, _ in settings}
+    if len(counts) != 1 or not all(count and speed for count, speed in settings):
+        return None
+    speeds = {round(float(speed), 2) for _, speed in settings}
+    return (int(counts.pop()), speeds.pop()) if len(speeds) == 1 else None
+
+
+def _named_setting(name: str) -> tuple[int, float] | None:
+    match = re.fullmatch(r"(speed|density)\D*(\d+(?:[._]\d+)?)", name)
+    if match is None:
+        return _TABLE if name == "table1" else None
+    value = float(match[2].replace("_", "."))
+    return (_TABLE[0], value) if match[1] == "speed" else (int(value), _TABLE[1])
 
 
 def _configured_setting(file: Path) -> tuple[int, float] | None:

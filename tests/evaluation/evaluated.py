@@ -6,12 +6,13 @@ import json
 from navrl.evaluation import wilson_interval
 
 
-def write_evaluation(folder, policy, outcomes, **changes):
+def write_evaluation(folder, policy, outcomes, delay_s=None, **changes):
     """Write the two files for episodes with these outcomes; ``changes`` go into the summary."""
     folder.mkdir(parents=True)
+    times = [10.0 + i + (delay_s[i] if delay_s else 0.0) for i in range(len(outcomes))]
     rows = [
-        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{10 + i}.0"}
-        for i, outcome in enumerate(outcomes)
+        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{time:.6f}"}
+        for i, (outcome, time) in enumerate(zip(outcomes, times, strict=True))
     ]
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
@@ -22,7 +23,7 @@ def write_evaluation(folder, policy, outcomes, **changes):
         name: sum(outcome.startswith(name) for outcome in outcomes) / total
         for name in ("success", "collision", "timeout")
     }
-    times = [10.0 + i for i, outcome in enumerate(outcomes) if outcome == "success"]
+    times = [time for time, outcome in zip(times, outcomes, strict=True) if outcome == "success"]
     summary = {
         "policy": policy,
         "suite": "table1",

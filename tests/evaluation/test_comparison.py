@@ -34,6 +34,31 @@ def test_differences_are_paired_over_the_same_episodes(tmp_path):
     assert [r.policy for r in table.rows] == ["paper", "dwa"]  # the best first
 
 
+def test_times_are_compared_over_the_episodes_that_both_won(tmp_path):
+    write_evaluation(tmp_path / "a", "paper", [WON, WON, WON, HIT])  # 10, 11, 12 s
+    write_evaluation(tmp_path / "b", "dwa", [HIT, WON, WON, WON], delay_s=[0.0, 1.0, 2.0, 9.0])
+    write_evaluation(tmp_path / "c", "random", [HIT] * 4)
+    (table,) = compare(find_evaluations([tmp_path]))
+    time = rows_of(table)["dwa"].time_difference
+    assert (time.value, time.n) == (pytest.approx(1.5), 2)
+    assert 1.0 <= time.low <= 1.5 <= time.high <= 2.0
+    assert rows_of(table)["random"].time_difference is None
+    assert "+1.5 s [" in markdown(table)
+
+
+def test_seeds_are_gathered(tmp_path):
+    for seed, won in enumerate((2, 3, 4)):
+        outcomes = [WON] * won + [HIT] * (4 - won)
+        write_evaluation(tmp_path / f"p{seed}", f"paper_seed_{seed}", outcomes)
+    write_evaluation(tmp_path / "one", "no_tagd_seed_0", [WON] * 4)
+    (table,) = compare(find_evaluations([tmp_path]))
+    (row,) = table.seeds
+    assert (row.policy, row.runs, row.least, row.most) == ("paper", 3, 0.5, 1.0)
+    assert row.interval[0] <= row.success <= row.interval[1]
+    assert row.success == pytest.approx(0.75)
+    assert "| `paper` | 3 | 75.0 % [" in markdown(table)
+
+
 def test_only_the_same_episodes_in_the_same_simulator_share_a_table(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 4)
     write_evaluation(tmp_path / "b", "paper", [WON] * 4, simulator="BulletSimulator")

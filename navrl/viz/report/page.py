@@ -186,6 +186,7 @@ def _table(table: ComparisonTable) -> str:
     header = ["policy", "episodes", *_RATES, "time of successes, s"]
     if table.reference:
         header += [f"success vs {table.reference}, points", "p (McNemar)"]
+        header += [f"time vs {table.reference}, s"]
     published = any(row.published for row in table.rows)
     if published:
         header += ["paper's own success", "paper's own time, s"]
@@ -213,10 +214,19 @@ def _table_row(row: ComparisonRow, has_reference: bool, has_published: bool) -> 
         cells.append(_cell(row.difference, f"{100 * (row.difference or 0):+.1f}"))
         p_value = row.p_value or 0.0
         cells.append(_cell(row.p_value, "&lt; 0.001" if p_value < 0.001 else f"{p_value:.3f}"))
+        time = row.time_difference
+        cells.append(_cell(time and time.value, _time_span(row)))
     if has_published:
         success, time = row.published.get("success"), row.published.get("time")
         cells += [_cell(success, f"{100 * (success or 0):.1f} %"), _cell(time, f"{time or 0:.1f}")]
     return f"<tr>{''.join(cells)}</tr>"
+
+
+def _time_span(row: ComparisonRow) -> str:
+    if row.time_difference is None:
+        return ""
+    value, low, high, _, _ = row.time_difference
+    return f"{value:+.1f} <small>[{low:+.1f}, {high:+.1f}]</small>"
 
 
 def _cell(value: float | None, shown: str) -> str:
