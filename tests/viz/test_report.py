@@ -34,7 +34,9 @@ def folder(tmp_path_factory, recording, lost):
         ("c", "</script><b>evil</b>", [WON] * 10 + [HIT] * 2),
         ("d", "oracle", [WON] * 12),
     ):
-        write_evaluation(folder / name, policy, outcomes)
+        spl = {"unit": "1", "better": "higher", "all": {"mean": 0.5, "interval": [0.25, 0.75]}}
+        measures = {} if policy == "oracle" else {"metrics": {"spl": spl}}
+        write_evaluation(folder / name, policy, outcomes, **measures)
     with (folder / "metrics.csv").open("w", newline="") as file:
         rows = [["frames", "evaluation/success_rate"], [100, 0.25], [200, 0.5]]
         csv.writer(file).writerows(rows)
@@ -61,6 +63,9 @@ def test_the_page_says_who_is_better_and_by_how_much(page):
     assert "may be chance (p ≥ 0.05): oracle" in text
     assert "dwa" not in re.search(r"may be chance[^<]*", text)[0]
     assert '<th scope="row">oracle*</th>' in text
+    measured = re.search(r'<th scope="row">spl</th>.*?</tr>', text)[0]
+    assert measured.count("0.5 <small>[0.25, 0.75]</small>") == 3
+    assert measured.count('data-value=""') == 1  # the oracle's file has no measures
 
 
 def test_the_page_needs_nothing_else_and_names_end_no_element(page):

@@ -9,12 +9,12 @@ from html import escape
 from pathlib import Path
 
 import navrl
-from navrl.evaluation.comparison import ComparisonRow, ComparisonTable, Evaluation, compare
+from navrl.evaluation.comparison import ComparisonTable, Evaluation, compare
 from navrl.viz.report.episodes import episode_data
+from navrl.viz.report.html_tables import comparison_table, measures_table
 from navrl.viz.report.sources import Sources, find_sources
 
 _SIGNIFICANT = 0.05
-_RATES = ("success", "collision", "timeout")
 
 
 def write_report(
@@ -149,7 +149,8 @@ def _evaluation(
     heading = f"{table.suite} in {table.simulator}, {played:,} episodes ({table.suite_hash[:8]})"
     return (
         f'<section class="evaluation"><h2>{escape(heading)}</h2>\n'
-        f'<p class="verdict">{escape(_verdict(table))}</p>\n{_table(table)}'
+        f'<p class="verdict">{escape(_verdict(table))}</p>\n{comparison_table(table)}'
+        f"{measures_table(table, evaluations)}"
         f"<p>Episodes' hash: <code>{escape(table.suite_hash)}</code></p>\n"
         f"{''.join(places)}</section>\n"
     )
@@ -180,62 +181,6 @@ def _verdict(table: ComparisonTable) -> str:
         f"{', '.join(unsure)}."
     )
     return f"{text}. {chance}"
-
-
-def _table(table: ComparisonTable) -> str:
-    header = ["policy", "episodes", *_RATES, "time of successes, s"]
-    if table.reference:
-        header += [f"success vs {table.reference}, points", "p (McNemar)"]
-        header += [f"time vs {table.reference}, s"]
-    published = any(row.published for row in table.rows)
-    if published:
-        header += ["paper's own success", "paper's own time, s"]
-    head = "".join(f'<th scope="col"><button>{escape(name)}</button></th>' for name in header)
-    body = "".join(_table_row(row, bool(table.reference), published) for row in table.rows)
-    note = "<p>* reads the true state of walls and pedestrians: a ceiling, no rival.</p>"
-    return (
-        f'<div class="wide"><table class="sortable"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>\n"
-        f"{note if any(row.cheats for row in table.rows) else ''}"
-    )
-
-
-def _table_row(row: ComparisonRow, has_reference: bool, has_published: bool) -> str:
-    cells = [f'<th scope="row">{escape(row.policy)}{"*" if row.cheats else ""}</th>']
-    cells.append(
-        _cell(row.episodes, f"{row.episodes:,}" + (f", {row.errors} errors" * bool(row.errors)))
-    )
-    for name in _RATES:
-        low, high = row.intervals[name]
-        span = f"{100 * row.rates[name]:.1f} % <small>[{100 * low:.1f}, {100 * high:.1f}]</small>"
-        cells.append(_cell(row.rates[name], span))
-    cells.append(_cell(row.time_s, f"{row.time_s or 0:.1f}"))
-    if has_reference:
-        cells.append(_cell(row.difference, f"{100 * (row.difference or 0):+.1f}"))
-        p_value = row.p_value or 0.0
-        cells.append(_cell(row.p_value, "&lt; 0.001" if p_value < 0.001 else f"{p_value:.3f}"))
-        time = row.time_difference
-        cells.append(_cell(time and time.value, _time_span(row)))
-    if has_published:
-        success, time = row.published.get("success"), row.published.get("time")
-        cells += [_cell(success, f"{100 * (success or 0):.1f} %"), _cell(time, f"{time or 0:.1f}")]
-    return f"<tr>{''.join(cells)}</tr>"
-
-
-def _time_span(row: ComparisonRow) -> str:
-    if row.time_difference is None:
-        return ""
-    value, low, high, _, _ = row.time_difference
-    return f"{value:+.1f} <small>[{low:+.1f}, {high:+.1f}]</small>"
-
-
-def _cell(value: float | None, shown: str) -> str:
-    """Return a cell that sorts by its value; what is not known comes last."""
-    return (
-        '<td data-value="">\N{EN DASH}</td>'
-        if value is None
-        else f'<td data-value="{value}">{shown}</td>'
-    )
 
 
 # --- trainings and episodes ----------------------------------------------------------------------
