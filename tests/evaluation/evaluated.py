@@ -4,13 +4,20 @@ import csv
 import json
 
 
-def write_evaluation(folder, policy, outcomes, **changes):
-    """Write the two files for episodes with these outcomes; ``changes`` go into the summary."""
+def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, **changes):
+    """Write the two files for episodes with these outcomes; ``changes`` go into the summary.
+
+    Episode i takes 10 + i s and ``delay``; ``time_to_goal_s="{time}"`` writes that column too.
+    """
     folder.mkdir(parents=True)
     rows = [
-        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{10 + i}.0"}
+        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{10 + i + delay}"}
         for i, outcome in enumerate(outcomes)
     ]
+    if time_to_goal_s is not None:
+        for row in rows:
+            won = row["outcome"] == "success"
+            row["time_to_goal_s"] = time_to_goal_s.format(time=row["time_s"]) if won else ""
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
