@@ -41,7 +41,8 @@ def folder_name(*parts: object) -> str:
             name that is too long ends in its hash.
     """
     whole = "_".join(str(part) for part in parts if part not in (None, ""))
-    name = re.sub(r"[^\w.,=+-]+", "-", whole).strip("-.") or "job"
+    name = re.sub(r"[\[\]{}'\"]+", "", whole)
+    name = re.sub(r"[^\w.,=+-]+", "-", name).strip("-.") or "job"
     if len(name) <= _LONGEST_NAME:
         return name
     return f"{name[: _LONGEST_NAME - 9]}-{hashlib.sha256(whole.encode()).hexdigest()[:8]}"

@@ -84,9 +84,10 @@ class CapturedUpdate:
         elif self._num_updates < self._num_eager:
             self._update_aside()
         else:
-            self._graph = torch.cuda.CUDAGraph()
-            with torch.cuda.graph(self._graph):
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph):
                 self._update()
+            self._graph = graph
             self._graph.replay()  # recording computes nothing
         self._num_updates += 1
         self._look()

@@ -110,6 +110,7 @@ class DDPG:
             (self.critic_optimizer, critic_learning_rate),
         )
         self.target_update = SoftUpdate(self.loss, tau=tau)
+        self._online, self._targets = self._weight_pairs()
         self._captured = self._make_captured(tau) if cuda_graph else None
 
     def _check_graph(self, cuda_graph: bool, fused_optimizer: bool) -> None:
@@ -123,17 +124,24 @@ class DDPG:
             raise ValueError("cuda_graph=True: needs fused_optimizer=True, got False")
 
     def _make_captured(self, tau: float) -> CapturedUpdate:
+        optimizers = (self.actor_optimizer, self.critic_optimizer)
+        return CapturedUpdate(self._gradients, optimizers, self._online, self._targets, tau)
+
+    def _weight_pairs(self) -> list[list[Tensor]]:
+        """Return all weights and, in the same order, their targets."""
         pairs = [
             (getattr(self.loss, name), getattr(self.loss, f"target_{name}"))
             for name in ("actor_network_params", "value_network_params")
         ]
         keys = [list(online.keys(True, True)) for online, _ in pairs]
-        online, targets = (
+        return [
             [params.get(key).data for params, own in zip(side, keys, strict=True) for key in own]
             for side in zip(*pairs, strict=True)
-        )
-        optimizers = (self.actor_optimizer, self.critic_optimizer)
-        return CapturedUpdate(self._gradients, optimizers, online, targets, tau)
+        ]
+
+    def _move_targets(self) -> None:
+        # What SoftUpdate.step() does, without its walks through trees of tensors.
+        torch._foreach_lerp_(self._targets, self._online, 1 - self.target_update.eps)
 
     def anneal(self, share_done: float) -> None:
         """Scale both learning rates linearly from 1 to ``final_learning_rate_scale``.
@@ -167,7 +175,7 @@ class DDPG:
             raise NonFiniteUpdateError(scalars, batch)
         self.actor_optimizer.step()
         self.critic_optimizer.step()
-        self.target_update.step()
+        self._move_targets()
         return scalars
 
     def _check_captured(self, wait: bool = False) -> None:
@@ -216,7 +224,7 @@ class DDPG:
         """Restore a copy of what :meth:`state_dict` returned, from any device to this one."""
         # Optimizers keep the tensors they are given; a copy keeps two learners apart.
         state = deepcopy(state)
-        self.loss.load_state_dict(state["loss"])
+        self.loss.load_state_dict(state["loss"])  # in place: optimizers and targets hold on to it
         load_adam(self.actor_optimizer, state["actor_optimizer"])
         load_adam(self.critic_optimizer, state["critic_optimizer"])
         if self._captured is not None:

@@ -74,11 +74,19 @@ def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray
 
 
 def _rate(work: Callable[[], int], seconds: float) -> float:
+    _wait_for_gpu()
     units, elapsed, start = 0, 0.0, time.perf_counter()
     while elapsed < seconds:
         units += work()
         elapsed = time.perf_counter() - start
-    return units / elapsed
+    _wait_for_gpu()
+    return units / (time.perf_counter() - start)
+
+
+def _wait_for_gpu() -> None:
+    """Wait until a GPU in use, if there is one, has done what it was told."""
+    if torch.cuda.is_initialized():
+        torch.cuda.synchronize()
 
 
 @contextmanager

@@ -29,7 +29,7 @@ class RandomDrive:
         self.env = env
         generator = torch.Generator().manual_seed(0)
         shape = (_NUM_ACTIONS, *env.batch_size, 2)
-        self._actions = torch.rand(shape, generator=generator) * 2 - 1
+        self._actions = (torch.rand(shape, generator=generator) * 2 - 1).to(env.device)
         self.carrier, self._count = env.reset(), 0
 
     @torch.no_grad()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,13 +17,17 @@ from navrl import benchmarks
 from navrl.algos import DDPG
 from navrl.benchmarks import Budget, Report, Row, Series
 from navrl.build.environment import (
+    make_device,
     make_env,
     make_navigation_env,
     make_pool,
     num_threads,
+    on_cpu,
 )
 from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
+from navrl.deploy import PolicyRunner
+from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
 from navrl.viz import plot_benchmark
@@ -40,8 +45,11 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         folder: Where ``benchmark.json`` grows row by row, and the picture goes in the end.
 
     Raises:
-        ValueError: If a row is unknown or named twice.
+        ValueError: If a row is unknown or named twice, if none can be measured, or ``cfg.device``
+            is not the CPU.
     """
+    if make_device(cfg).type != "cpu":
+        raise ValueError(f"device={cfg.device}: rows=[gpu] measures a GPU, all others the cpu")
     unknown = [name for name in cfg.rows if name not in ROWS]
     if unknown or not cfg.rows or len(set(cfg.rows)) < len(cfg.rows):
         raise ValueError(f"rows={list(cfg.rows)}: need distinct ones of {sorted(ROWS)}")
@@ -50,6 +58,8 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         log.info("measuring %s", name)
         report.add(*ROWS[name](cfg))
         report.save(folder / "benchmark.json")
+    if not report.rows:
+        raise ValueError(f"rows={list(cfg.rows)}: nothing to measure; {'; '.join(report.skipped)}")
     plot_benchmark(folder / "benchmark.json", folder / "benchmark")
     return report
 
@@ -73,7 +83,7 @@ def _step(cfg: DictConfig) -> Results:
     return benchmarks.step_rows(
         _maker(cfg, pool),
         _maker(_on_bullet(cfg), pool),
-        cfg.num_worlds,
+        cfg.effort.step_worlds,
         cfg.effort.bullet_worlds,
         _budget(cfg),
         num_threads(cfg),
@@ -85,7 +95,7 @@ def _icp_tagd(cfg: DictConfig) -> Results:
     for name in ("paper", "robust"):
         steps = compose("train", [f"transforms={name}"]).transforms
         variants[name] = instantiate(steps.icp_align), instantiate(steps.tagd)
-    return benchmarks.perception_rows(_maker(cfg)(cfg.num_worlds), variants, _budget(cfg))
+    return benchmarks.perception_rows(_maker(cfg)(cfg.effort.step_worlds), variants, _budget(cfg))
 
 
 def _growth(cfg: DictConfig) -> Results:
@@ -104,7 +114,7 @@ def _growth(cfg: DictConfig) -> Results:
     threads = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= num_threads(cfg)]
     if len(threads) < 2:
         return [*found, "growth with threads: there is one core"]
-    return [*found, benchmarks.threads_series(make, cfg.num_worlds, threads, budget)]
+    return [*found, benchmarks.threads_series(make, cfg.effort.step_worlds, threads, budget)]
 
 
 def _memory(cfg: DictConfig) -> Results:
@@ -132,7 +142,14 @@ def _update(cfg: DictConfig) -> Results:
 
 
 def _training(cfg: DictConfig) -> Results:
-    cfg, updates = cfg.copy(), cfg.effort.updates_per_row
+    with tempfile.TemporaryDirectory() as folder:
+        log = _train(cfg, cfg.effort.updates_per_row, Path(folder))
+        return benchmarks.training_rows(log, num_threads(cfg))
+
+
+def _train(cfg: DictConfig, updates: int, folder: Path) -> Path:
+    """Run a training that logs every so many updates; return its log."""
+    cfg = cfg.copy()
     cfg.schedule.learning_starts = 4 * cfg.replay.batch_size
     cfg.schedule.log_every_updates = updates
     cfg.schedule.evaluate_every_updates = 10**9
@@ -144,9 +161,36 @@ def _training(cfg: DictConfig) -> Results:
     cfg.behaviour.random_frames = 0
     cfg.replay.capacity = cfg.schedule.total_frames + cfg.num_worlds
     cfg.validation.num_episodes = 2
+    make_trainer(cfg, folder).run()
+    return folder / "metrics.csv"
+
+
+def _gpu(cfg: DictConfig) -> Results:
+    missing = missing_for_cuda()
+    if missing is not None:
+        return [f"gpu: needs {missing}"]
+    cfg, effort = cfg.copy(), cfg.effort
+    cfg.device, cfg.num_worlds = "cuda", effort.gpu_worlds
+    env = _maker(on_cpu(cfg))(1)
+    shapes = observation_shapes(env)
+    env.close()
+    learners = {
+        name: _learner(cfg, shapes, cfg.algorithm.precision, "cuda", cuda_graph=name == "recorded")
+        for name in ("eager", "recorded")
+    }
+    needed = {key: shapes[key] for key in learners["eager"].actor.in_keys}
+    cfg.algorithm.cuda_graph = True
     with tempfile.TemporaryDirectory() as folder:
-        make_trainer(cfg, Path(folder)).run()
-        return benchmarks.training_rows(Path(folder) / "metrics.csv", num_threads(cfg))
+        updates = math.ceil(cfg.num_worlds / cfg.schedule.frames_per_update)
+        rows = benchmarks.training_rows(_train(cfg, updates, Path(folder)), 1)
+    return benchmarks.gpu_rows(
+        _simulator(cfg, cfg.num_worlds),
+        _maker(cfg)(cfg.num_worlds),
+        learners,
+        benchmarks.random_transitions(needed, cfg.replay.batch_size, "cuda"),
+        next(row.values for row in rows if row.key == "training.frames"),
+        _budget(cfg),
+    )
 
 
 def _workers(cfg: DictConfig) -> Results:
@@ -158,12 +202,12 @@ def _workers(cfg: DictConfig) -> Results:
 def _latency(cfg: DictConfig) -> Results:
     raw = make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed)
     drive = benchmarks.record_drive(raw, cfg.effort.scans)
-    low, high = (limit[0] for limit in (raw.action_spec.space.low, raw.action_spec.space.high))
     env = make_env(raw, instantiate(cfg.transforms))
     actor, _ = make_agent(cfg, observation_shapes(env))
     env.close()
-    robot = benchmarks.Robot(instantiate(cfg.transforms), actor.eval(), low, high)
-    return benchmarks.latency_rows(robot, drive, cfg.effort.repeats)
+    parts = (instantiate(cfg[part]) for part in ("lidar", "robot"))
+    runner = PolicyRunner(instantiate(cfg.transforms), actor.eval(), *parts)
+    return benchmarks.latency_rows(runner, drive, cfg.effort.repeats)
 
 
 ROWS: dict[str, Callable[[DictConfig], Results]] = {
@@ -177,6 +221,7 @@ ROWS: dict[str, Callable[[DictConfig], Results]] = {
     "training": _training,
     "workers": _workers,
     "latency": _latency,
+    "gpu": _gpu,
 }
 
 
@@ -232,6 +277,13 @@ def _source(cfg: DictConfig, num_workers: int) -> tuple[Collector, Replay]:
     return make_collector(cfg, actor), replay
 
 
-def _learner(cfg: DictConfig, shapes: dict[str, list[int]], precision: str, device: str) -> DDPG:
+def _learner(
+    cfg: DictConfig,
+    shapes: dict[str, list[int]],
+    precision: str,
+    device: str,
+    cuda_graph: bool = False,
+) -> DDPG:
     actor, critic = (network.to(device) for network in make_agent(cfg, shapes))
-    return instantiate(cfg.algorithm, actor=actor, critic=critic, precision=precision)
+    options = {"precision": precision, "cuda_graph": cuda_graph}
+    return instantiate(cfg.algorithm, actor=actor, critic=critic, **options)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import linear
 
 from navrl.networks.mlp import mlp
 
@@ -59,15 +58,8 @@ class LocationAttention(nn.Module):
         Returns:
             The weighted feature ``[*B, out_features]`` and the weights ``[*B, n]``, which sum to 1.
         """
-        embedded = self.embedding[1:](self._first_layer(items, context))
+        shared = context.unsqueeze(-2).expand(*items.shape[:-1], -1)
+        embedded = self.embedding(torch.cat([items, shared], dim=-1))
         weights = torch.softmax(self.score(embedded).squeeze(-1), dim=-1)
         feature = self.feature(embedded)
         return (weights.unsqueeze(-2) @ feature).squeeze(-2), weights
-
-    def _first_layer(self, items: Tensor, context: Tensor) -> Tensor:
-        # W [item, context] = W_i item + W_c context: the context's share is computed once for all
-        # items instead of once for each, and the joined vectors are never stored.
-        first = self.embedding[0]
-        shared = linear(context, first.weight[:, self.item_size :], first.bias)
-        own = linear(items, first.weight[:, : self.item_size])
-        return own.add_(shared.unsqueeze(-2))

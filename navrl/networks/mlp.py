@@ -4,10 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from torch import nn
+from torch import Tensor, nn
+
+from navrl.networks.linear_relu import linear_relu
 
 
-def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) -> nn.Sequential:
+class Perceptron(nn.Sequential):
+    """Layers in order, a linear layer and the ReLU after it in one step."""
+
+    def forward(self, value: Tensor) -> Tensor:
+        """Return the last layer's output."""
+        waiting = None
+        for layer in self._modules.values():
+            if waiting is not None:
+                if isinstance(layer, nn.ReLU):
+                    value, waiting = linear_relu(value, waiting.weight, waiting.bias), None
+                    continue
+                value, waiting = waiting(value), None
+            if isinstance(layer, nn.Linear):
+                waiting = layer
+            else:
+                value = layer(value)
+        return value if waiting is None else waiting(value)
+
+
+def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) -> Perceptron:
     """Build a ReLU perceptron with Xavier-uniform weights and zero biases.
 
     Args:
@@ -33,4 +54,4 @@ def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) 
         nn.init.zeros_(layer.bias)
         layers += [layer, nn.ReLU(inplace=True)]
         in_features = size
-    return nn.Sequential(*(layers if activate_last else layers[:-1]))
+    return Perceptron(*(layers if activate_last else layers[:-1]))

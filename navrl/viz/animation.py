@@ -24,12 +24,14 @@ from navrl.viz.scene import (
 )
 from navrl.viz.style import BLUE, GREY, VERMILLION, save_figure, style
 
-_OUTCOMES = {
+OUTCOME_WORDS = {
     "success": "goal reached",
     "collision_pedestrian": "collision with a pedestrian",
     "collision_static": "collision with a wall",
     "timeout": "time is up",
 }
+"""How an episode ended, for people."""
+
 _GIF_INCHES, _GIF_DPI = 4.8, 100  # 480 px wide
 _HOLD_S = 1.5  # s for which the last frame stays longer
 
@@ -98,7 +100,7 @@ def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
         for axes in panels.flat[len(steps) :]:
             axes.set_visible(False)
         add_legend(figure, recording, columns=6, attention=(), descriptors=False)
-        figure.suptitle(_OUTCOMES.get(recording.outcome, recording.outcome), fontsize=10)
+        figure.suptitle(OUTCOME_WORDS.get(recording.outcome, recording.outcome), fontsize=10)
         return save_figure(figure, file)
 
 
@@ -171,7 +173,7 @@ def _panel_size(recording: Recording) -> tuple[float, float, bool]:
 def _headline(recording: Recording, step: int) -> str:
     text = f"t = {step * recording.time_step_s:.1f} s (step {step} of {recording.num_steps})"
     if step == recording.num_steps:
-        text += f", {_OUTCOMES.get(recording.outcome, recording.outcome)}"
+        text += f", {OUTCOME_WORDS.get(recording.outcome, recording.outcome)}"
     return text
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from navrl.viz.style import BLACK, CYCLE, save_figure, style
+from navrl.viz.style import BLACK, CYCLE, GREY, save_figure, style
 
 Series = tuple[np.ndarray, np.ndarray]
 _LEVEL = "train/max_dynamic"
@@ -55,22 +56,27 @@ class _Log:
 
 
 def plot_curves(
-    csv_files: Sequence[str | Path], out: str | Path, labels: Sequence[str] | None = None
+    csv_files: Sequence[str | Path],
+    out: str | Path,
+    labels: Sequence[str] | None = None,
+    formats: Sequence[str] = (".png", ".svg"),
 ) -> list[Path]:
-    """Draw how training went, as PNG and as SVG.
+    """Draw how training went.
 
     Rates of each outcome, the curriculum's number of pedestrians, reward, and what the critic says,
     over environment steps. Evaluations are lines with marks, training episodes (with exploration)
     are thin lines; a dotted line is where the curriculum went up. Runs of one label are seeds of
-    one setting: each is drawn, pale, and their mean over the frames that all reached.
+    one setting: each is drawn, pale, with their mean and a band from the least to the greatest over
+    the frames that all reached.
 
     Args:
         csv_files: The trainer's ``metrics.csv`` of each run.
         out: File without suffix, or with one that is replaced.
         labels: Name of each run; its folder's if ``None``.
+        formats: Suffixes: ``.png``, ``.svg``, ``.pdf``.
 
     Returns:
-        The two files.
+        A file a format.
 
     Raises:
         FileNotFoundError: If a log does not exist.
@@ -92,7 +98,7 @@ def plot_curves(
             _finish(axes, panel)
         _add_key(figure, groups)
         out = Path(out)
-        return [save_figure(figure, out.with_suffix(suffix)) for suffix in (".png", ".svg")]
+        return [save_figure(figure, out.with_suffix(suffix)) for suffix in formats]
 
 
 def _rate(title: str, outcome: str) -> _Panel:
@@ -144,7 +150,7 @@ def _draw(axes: Axes, panel: _Panel, logs: Sequence[_Log], label: str, color: st
 def _draw_seeds(
     axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: object
 ) -> None:
-    """Draw one run as it is; of several, each pale and their mean where all were logged."""
+    """Draw one run as it is; of several, each pale, their mean and their range."""
     seeds = [series for series in seeds if len(series[0])]
     if not seeds:
         return
@@ -156,8 +162,10 @@ def _draw_seeds(
     first, last = max(f[0] for f, _ in seeds), min(f[-1] for f, _ in seeds)
     common = np.unique(np.concatenate([frames for frames, _ in seeds]))
     common = common[(first <= common) & (common <= last)]
-    mean = np.mean([np.interp(common, *series) for series in seeds], axis=0)
-    axes.plot(common, mean, label=label, color=color, **look)
+    values = np.array([np.interp(common, *series) for series in seeds])
+    low, high = values.min(axis=0, initial=np.inf), values.max(axis=0, initial=-np.inf)
+    axes.fill_between(common, low, high, color=color, alpha=0.15, linewidth=0)
+    axes.plot(common, values.mean(axis=0), label=label, color=color, **look)
 
 
 def _finish(axes: Axes, panel: _Panel) -> None:
@@ -184,6 +192,8 @@ def _add_key(figure: Figure, groups: dict[str, list[_Log]]) -> None:
         ("more pedestrians from here", {"linestyle": ":", "linewidth": 0.8}),
     ):
         handles.append(Line2D([], [], color=BLACK, label=label, **look))
+    if any(len(logs) > 1 for logs in groups.values()):
+        handles.append(Patch(color=GREY, alpha=0.3, linewidth=0, label="range of the seeds"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
 
 

@@ -42,7 +42,7 @@ def add_legend(
     """
     figure.legend(
         handles=_handles(recording, attention, descriptors),
-        handler_map={FancyArrow: _ArrowHandler()},
+        handler_map={FancyArrow: ArrowHandler()},
         loc=loc,
         ncols=columns,
         columnspacing=1.2,
@@ -70,7 +70,9 @@ def _handles(
     return handles
 
 
-class _ArrowHandler(HandlerPatch):
+class ArrowHandler(HandlerPatch):
+    """Draw arrows as arrows."""
+
     def create_artists(self, legend, handle, x, y, width, height, fontsize, transform):
         arrow = FancyArrow(
             x,

@@ -26,12 +26,10 @@ def multiplications(network) -> tuple[int, int, int]:
     total = first = 0
     for stream in network.encoder.streams.values():
         attention = stream.attention
-        context = attention.embedding[0].out_features * 10  # of the waypoints, once for all items
-        each = attention.embedding[0].out_features * attention.item_size
-        rest = sum(products(linear_layers(attention)[1:]))
+        layers = sum(products(linear_layers(attention)))
         weighing = attention.out_features  # the weighted sum of the features
-        total += context + ITEMS * (each + rest + weighing)
-        first += context + ITEMS * each
+        total += ITEMS * (layers + weighing)
+        first += ITEMS * products(linear_layers(attention))[0]
     output = sum(products(linear_layers(network.output)))
     return total + output, first, output
 

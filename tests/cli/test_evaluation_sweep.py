@@ -72,4 +72,5 @@ def test_folder_names_are_short_and_distinct():
     assert folder_name("outputs/train/mine") == "outputs-train-mine"
     long = [folder_name("x" * 300 + end) for end in "ab"]
     assert len(set(long)) == 2 and max(map(len, long)) <= 120
+    assert folder_name("speed=[0.4,0.6]") == "speed=0.4,0.6"
     assert folder_name("../..") == "job"

@@ -11,8 +11,8 @@ from rooms import sample_scan_pairs
 
 from navrl.ops.grouping import tagd
 from navrl.ops.icp import PAPER, ROBUST, align
-from navrl.ops.kernels.icp import search_rotation
 from navrl.ops.kernels.nearest import SMALLEST, WINDOW
+from navrl.ops.kernels.rotation_search import search_rotation
 from navrl.ops.pooling import min_pool
 from navrl.ops.rotation_search import rotation_search
 from navrl.ops.se2 import transform_points

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import pytest
 import torch
+from runs import tiny_trainer
 
 from navrl import keys
+from navrl.build import make_agent
 from navrl.build.environment import make_training_env
-from navrl.config import compose
+from navrl.config import compose, instantiate
+from navrl.training.worker import WorkerPolicy
 
 HERE = Path(__file__).parent
 KERNELS = {"project_kernel", "points_at_kernel", "step_worlds_kernel", "scan_worlds_kernel"}
@@ -78,3 +81,37 @@ def test_training_on_a_gpu_sees_what_training_on_the_cpu_sees():
         torch.testing.assert_close(seen["cuda"][name], seen["cpu"][name], atol=1e-3, rtol=0)
     differ = (seen["cuda"][keys.RANGES] - seen["cpu"][keys.RANGES]).abs() > 1e-3
     assert differ.float().mean() < 1e-4, "more than beams that graze an edge"
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("options", [[], ["collector=process", "collector.num_workers=1"]])
+def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
+    options = [*options, "schedule.checkpoint_every_s=1e9", "algorithm.precision=float32"]
+    gpu = ["device=cuda", "algorithm.cuda_graph=true"]
+    trainer = tiny_trainer(tmp_path, [*options, *gpu])
+    assert trainer.run().frames == 480 and trainer.progress.episodes > 0
+    saved = trainer.algorithm.state_dict()["loss"]
+    assert all(weight.is_cuda for weight in saved.values())
+    for device in (gpu, []):
+        resumed = tiny_trainer(tmp_path, [*options, *device, "schedule.total_frames=960"])
+        resumed._restore()
+        for name, weight in resumed.algorithm.state_dict()["loss"].items():
+            torch.testing.assert_close(weight.cpu(), saved[name].cpu())
+        assert len(resumed.replay) == len(trainer.replay)
+        assert resumed.replay.sample()["action"].is_cuda == bool(device)
+    assert resumed.run().frames == 960
+
+
+@pytest.mark.gpu
+def test_workers_get_the_weights_of_a_learner_on_a_gpu():
+    cfg = compose("train", [*OPTIONS, "device=cuda"])
+    actor, _ = make_agent(cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]})
+    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration))
+    policy = WorkerPolicy(behaviour)
+    with torch.no_grad():
+        for weight in actor.parameters():
+            weight += 1.0
+    sent = policy.refresh(7, 2)
+    assert all(value.device.type == "cpu" for value in sent.values(True, True))
+    for weight, copy in zip(actor.parameters(), policy.actor.parameters(), strict=True):
+        assert torch.equal(weight.cpu(), copy) and not copy.requires_grad

@@ -212,3 +212,14 @@ def test_pool_draws_are_reproducible_and_cached(tmp_path):
 def test_bad_arguments_are_named(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def test_a_pool_draws_the_same_on_each_device(device):
+    pool = ScenarioPool(Suite("s", 0, 4, distribution()), empty_share=0.5)
+    moved = pool.to(device)
+    one, other = (
+        p.draw(torch.Generator().manual_seed(3), 9, max_dynamic=2).tensors() for p in (pool, moved)
+    )
+    assert all(value.device.type == device for value in other.values())
+    assert all(torch.equal(value, other[name].cpu()) for name, value in one.items())

@@ -13,19 +13,15 @@ from torch import Tensor
 from navrl.ops.kernels.cuda.block import add_up, num_blocks, own_columns, repeat_columns
 from navrl.ops.kernels.cuda.launch import block_per_row
 from navrl.ops.kernels.icp import (
-    best_shift,
     compose_step,
     gather,
     is_small,
-    largest_shift,
     line_step,
     line_sums,
     move_points,
-    profile_cost,
     rigid_step,
     rigid_sums,
     weigh_pairs,
-    write_profile,
     write_rows,
 )
 from navrl.ops.kernels.lines import continue_rows, sum_neighbours, write_lines
@@ -37,6 +33,12 @@ from navrl.ops.kernels.nearest import (
     is_ordered,
     search_window,
     write_directed,
+)
+from navrl.ops.kernels.rotation_search import (
+    best_shift,
+    largest_shift,
+    profile_cost,
+    write_profile,
 )
 from navrl.ops.lines import HALF_WINDOW
 
@@ -59,7 +61,7 @@ def align_kernel(source: Tensor, source_returns: Tensor, target: Tensor, *others
 
 @cuda.jit(device=True)
 def search_own_shift(source, target, search_range, profiles, own):
-    """:func:`navrl.ops.kernels.icp.search_rotation`; ``profiles`` is scratch [3, 3 M]."""
+    """The CPU's ``search_rotation``; ``profiles`` is scratch [3, 3 M]."""
     count = source.shape[1]
     first, stop = own
     source_profile, profile, costs = profiles[0, :count], profiles[1], profiles[2]

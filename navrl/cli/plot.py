@@ -1,0 +1,28 @@
+"""``navrl-plot``: draw a picture from the files of runs, evaluations and episodes."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, ListConfig
+
+from navrl.config import hydra_main, instantiate
+
+log = logging.getLogger(__name__)
+
+
+@hydra_main("plot")
+def main(cfg: DictConfig) -> None:
+    """Draw ``cfg.picture`` from ``cfg.source``."""
+    sources = list(cfg.source) if isinstance(cfg.source, ListConfig) else [str(cfg.source)]
+    hydra = HydraConfig.get()
+    folder = Path(hydra.runtime.output_dir)
+    out = folder / hydra.runtime.choices.picture if cfg.out is None else Path(cfg.out)
+    for file in instantiate(cfg.picture)(sources, out):
+        log.info("%s", file)
+
+
+if __name__ == "__main__":
+    main()

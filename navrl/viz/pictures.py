@@ -1,0 +1,110 @@
+"""Each picture of ``navrl-plot``: find the files, draw them, write every wanted format.
+
+All take folders or files as ``sources`` and look through what is below a folder.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from navrl.evaluation.comparison import find_evaluations
+from navrl.evaluation.recording import Recording
+from navrl.viz.animation import save_gif, save_png, save_strip
+from navrl.viz.curves import plot_curves
+from navrl.viz.failures import save_failures
+from navrl.viz.rates import plot_rates
+from navrl.viz.tagd import save_tagd
+from navrl.viz.video import save_mp4
+
+FORMATS = (".png", ".svg", ".pdf")
+
+
+def find_files(sources: Iterable[str | Path], pattern: str) -> list[Path]:
+    """Return files in and below some folders; a file stands for itself.
+
+    Raises:
+        ValueError: If a source does not exist, or nothing is found.
+    """
+    sources = [Path(source) for source in sources]
+    for source in sources:
+        if not source.exists():
+            raise ValueError(f"source={source}: no such file or folder")
+    found = [file for s in sources for file in ([s] if s.is_file() else sorted(s.rglob(pattern)))]
+    if not found:
+        raise ValueError(f"source={', '.join(map(str, sources))}: no {pattern} there")
+    return list(dict.fromkeys(found))
+
+
+def find_recordings(sources: Iterable[str | Path]) -> list[Recording]:
+    """Return the recorded episodes in and below some folders, in the order of their paths."""
+    return [Recording.load(file) for file in find_files(sources, "*.npz")]
+
+
+def curves(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
+    """Learning curves of training runs; runs ``NAME_seed_K`` are seeds of one setting."""
+    logs = find_files(sources, "metrics.csv")
+    labels = [re.sub(r"_seed_\d+", "", log.resolve().parent.name) for log in logs]
+    return _each_format(
+        lambda file: plot_curves(logs, file, labels, [file.suffix])[0], out, formats
+    )
+
+
+def rates(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
+    """Success over pedestrians' speed and number, from the evaluations of a sweep."""
+    evaluations = find_evaluations(sources)
+    return _each_format(lambda file: plot_rates(evaluations, file), out, formats)
+
+
+def attention(
+    sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, step: int | None = None
+) -> list[Path]:
+    """A scene with spatial attention on sectors and temporal attention on descriptors."""
+    recording = find_recordings(sources)[0]
+    return _each_format(lambda file: save_png(recording, file, step), out, formats)
+
+
+def tagd(
+    sources: Sequence[str],
+    out: Path,
+    formats: Sequence[str] = FORMATS,
+    step: int | None = None,
+    group_radius: float = 0.25,
+) -> list[Path]:
+    """The way from two scans to descriptors, in five steps."""
+    recording = find_recordings(sources)[0]
+    return _each_format(lambda file: save_tagd(recording, file, step, group_radius), out, formats)
+
+
+def strip(
+    sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, count: int = 6
+) -> list[Path]:
+    """Moments of an episode side by side."""
+    recording = find_recordings(sources)[0]
+    return _each_format(lambda file: save_strip(recording, file, count), out, formats)
+
+
+def failures(
+    sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, limit: int = 12
+) -> list[Path]:
+    """The ends of lost episodes."""
+    recordings = find_recordings(sources)
+    return _each_format(lambda file: save_failures(recordings, file, limit), out, formats)
+
+
+def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
+    """An episode as GIF."""
+    return [save_gif(find_recordings(sources)[0], out.with_suffix(".gif"), frames_per_s)]
+
+
+def mp4(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
+    """An episode as MP4; needs the program ffmpeg."""
+    return [save_mp4(find_recordings(sources)[0], out.with_suffix(".mp4"), frames_per_s)]
+
+
+def _each_format(draw: Callable[[Path], Path], out: Path, formats: Sequence[str]) -> list[Path]:
+    unknown = [suffix for suffix in formats if suffix not in FORMATS]
+    if unknown or not formats:
+        raise ValueError(f"formats={list(formats)}: must be some of {', '.join(FORMATS)}")
+    return [draw(out.with_name(out.name + suffix)) for suffix in formats]

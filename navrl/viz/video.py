@@ -1,0 +1,62 @@
+"""An episode as MP4, where the program ffmpeg is installed."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+from navrl.evaluation.recording import Recording
+from navrl.viz.animation import render_frames
+
+_HOLD_S = 1.5  # s for which the last frame stays longer
+
+
+def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -> Path:
+    """Draw an episode as a film in H.264, which browsers and slides play.
+
+    Args:
+        recording: The episode.
+        file: ``.mp4``; missing folders are made.
+        fps: Frames, which are steps, a second; as fast as it was if ``None``.
+
+    Returns:
+        The file.
+
+    Raises:
+        FileNotFoundError: If the program ffmpeg is not on the path.
+        RuntimeError: If ffmpeg fails, with its words.
+        ValueError: If ``fps`` is not within 0 to 50, or the suffix is not ``.mp4``.
+    """
+    file, fps = Path(file), 1.0 / recording.time_step_s if fps is None else fps
+    if file.suffix != ".mp4":
+        raise ValueError(f"file={file}: must end in .mp4")
+    if not 0 < fps <= 50:
+        raise ValueError(f"fps={fps}: must be above 0 and at most 50")
+    program = shutil.which("ffmpeg")
+    if program is None:
+        raise FileNotFoundError("MP4 needs the program ffmpeg: install it, e.g. apt install ffmpeg")
+    frames = [_even(frame) for frame in render_frames(recording)]
+    frames += [frames[-1]] * round(_HOLD_S * fps)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    _encode(program, np.stack(frames), fps, file)
+    return file
+
+
+def _encode(program: str, frames: np.ndarray, fps: float, file: Path) -> None:
+    """Send frames [T, height, width, 3] to ffmpeg."""
+    _, height, width, _ = frames.shape
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps)]
+    h264 = ["-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    command = [program, "-y", "-loglevel", "error", *raw, "-i", "-", *h264, str(file)]
+    done = subprocess.run(command, input=frames.tobytes(), capture_output=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"ffmpeg could not write {file}: {done.stderr.decode().strip()}")
+
+
+def _even(frame: np.ndarray) -> np.ndarray:
+    """Pad to even sides, as H.264 needs them, by repeating the border."""
+    height, width = frame.shape[:2]
+    return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -1,0 +1,219 @@
+"""The pictures of ``navrl-plot``: right numbers from files, errors that name the source."""
+
+import csv
+import dataclasses
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from PIL import Image
+
+from navrl.config import CONF_DIR
+from navrl.evaluation.comparison import find_evaluations
+from navrl.evaluation.statistics import wilson_interval
+from navrl.ops import grouping
+from navrl.viz import pictures, plot_rates, rates, save_failures, save_mp4, save_tagd, tagd
+
+WORLDS = ("corridor", "office")
+
+
+def write_point(folder, policy, rate, speed=0.6, count=2, episodes=100, **changes):
+    """An evaluation at one speed and number of pedestrians, alike in all worlds."""
+    folder.mkdir(parents=True)
+    part = {
+        "episodes": episodes,
+        "success_rate": rate,
+        "success_interval": wilson_interval(round(rate * episodes), episodes),
+    }
+    summary = {
+        "policy": policy,
+        "suite": "table1",
+        "suite_hash": f"{speed} {count}",
+        "simulator": "BatchedSimulator",
+        **part,
+        "by_scenario": dict.fromkeys(WORLDS, part),
+        **changes,
+    }
+    (folder / "summary.json").write_text(json.dumps(summary))
+    (folder / "episodes.csv").write_text("index,outcome\n")
+    distribution = {"num_dynamic": [count, count], "speed": [speed, speed]}
+    config = {"suite": {"distribution": distribution}}
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    saved = []
+    monkeypatch.setattr(rates, "save_figure", lambda figure, file: saved.append(figure) or file)
+    return saved
+
+
+def lines_of(axes):
+    return {
+        line.get_color(): list(zip(line.get_xdata(), line.get_ydata(), strict=True))
+        for line in axes.lines
+    }
+
+
+def test_rates_over_speed_and_number(tmp_path, figures):
+    for i, (speed, rate) in enumerate([(1.0, 0.5), (0.4, 0.9), (0.6, 0.8)]):
+        write_point(tmp_path / f"s{i}", "paper", rate, speed=speed)
+    write_point(tmp_path / "few", "paper", 0.1, speed=0.6, episodes=10)  # gives way to 100
+    write_point(tmp_path / "n8", "paper", 0.3, count=8)
+    write_point(tmp_path / "dwa", "dwa", 0.2, speed=0.4)
+    write_point(tmp_path / "open", "paper", 0.99, speed=0.8, suite="open_space")
+    plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+    (figure,) = figures
+    assert [axes.get_title() for axes in figure.axes] == [*WORLDS, "all worlds"] * 2
+    speed, number = lines_of(figure.axes[2]), lines_of(figure.axes[5])
+    assert list(speed.values()) == [[(0.4, 0.9), (0.6, 0.8), (1.0, 0.5)], [(0.4, 0.2)]]
+    assert list(number.values()) == [[(2.0, 0.8), (8.0, 0.3)]]
+    assert "m/s" in figure.axes[0].get_xlabel()
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["paper", "dwa"]
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"), [("speed_0.8", (2, 0.8)), ("density_4", (4, 0.6)), ("table1", (2, 0.6))]
+)
+def test_a_suite_s_name_tells_its_setting(tmp_path, name, setting):
+    write_point(tmp_path / "a", "paper", 0.5, suite=name)
+    (evaluation,) = find_evaluations([tmp_path])
+    point, *_ = rates.rate_points(evaluation)
+    assert (point.num_dynamic, point.speed) == setting
+
+
+def test_rates_need_two_settings_of_one_simulator(tmp_path):
+    write_point(tmp_path / "a", "paper", 0.5)
+    with pytest.raises(ValueError, match=r"two speeds.*\(2, 0\.6\)"):
+        plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+    write_point(tmp_path / "b", "paper", 0.5, speed=1.0, simulator="BulletSimulator")
+    with pytest.raises(ValueError, match="one simulator"):
+        plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+
+
+def test_group_centers_are_those_of_the_descriptors():
+    generator = np.random.default_rng(0)
+    points = generator.uniform(-3, 3, (60, 2))
+    points = points[np.linalg.norm(points, axis=-1) < 3.4].astype(np.float32)
+    hit = torch.ones(len(points), dtype=torch.bool)
+    expected = grouping.group_centers(torch.from_numpy(points), hit, 30, 3.5)
+    assert np.allclose(tagd.group_centers(points, 30, 3.5), expected.numpy(), atol=1e-5)
+    nothing = tagd.group_centers(points[:0], 8, 3.5)
+    assert np.allclose(np.linalg.norm(nothing, axis=-1), 3.5)
+
+
+def test_tagd_steps_show_what_was_recorded(tmp_path, recording):
+    text = save_tagd(recording, tmp_path / "tagd.svg").read_text()
+    for words in ("two scans", "aligned by ICP", "centre on each ray", "groups", "centroids"):
+        assert words in text
+    stage = tagd._Stage(recording, 5, 0.25)
+    centers = stage.centers
+    near = np.linalg.norm(stage.now[:, None] - centers[None], axis=-1) <= 0.25
+    for i in np.flatnonzero(recording.tagd_valid[5].all(axis=-1)):
+        centroid = stage.now[near[:, i]].mean(axis=0)
+        assert np.allclose(centroid, recording.tagd[5, i, 2:], atol=1e-4), i
+    with pytest.raises(ValueError, match="step=0"):
+        save_tagd(recording, tmp_path / "tagd.png", step=0)
+    without = dataclasses.replace(recording, tagd=None, tagd_valid=None)
+    with pytest.raises(ValueError, match="no TAGDs"):
+        save_tagd(without, tmp_path / "tagd.png")
+
+
+def test_failures_leave_successes_out(tmp_path, recording):
+    lost = dataclasses.replace(recording, outcome="collision_static")
+    won = dataclasses.replace(recording, outcome="success")
+    text = save_failures([won, lost, lost, lost], tmp_path / "lost.svg", limit=2).read_text()
+    assert "3 of 4 recorded episodes were lost; the first 2" in text
+    assert text.count("collision with a wall") == 2
+    with pytest.raises(ValueError, match="none of 1 failed"):
+        save_failures([won], tmp_path / "lost.svg")
+    with pytest.raises(ValueError, match="limit=0"):
+        save_failures([lost], tmp_path / "lost.svg", limit=0)
+
+
+def test_mp4_has_a_frame_a_step(tmp_path, recording, monkeypatch):
+    """A program in ffmpeg's place notes what it is asked and how many bytes it is sent."""
+    fake = tmp_path / "bin" / "ffmpeg"
+    fake.parent.mkdir()
+    fake.write_text(
+        f"#!{sys.executable}\nimport sys\nwith open(sys.argv[-1], 'w') as file:\n"
+        "    file.write(' '.join(sys.argv[1:]) + ' ' + str(len(sys.stdin.buffer.read())))\n"
+    )
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", str(fake.parent))
+    noted = save_mp4(recording, tmp_path / "episode.mp4", fps=10).read_text().split()
+    width, height = map(int, noted[noted.index("-s") + 1].split("x"))
+    assert width % 2 == height % 2 == 0
+    assert float(noted[noted.index("-r") + 1]) == 10
+    assert int(noted[-1]) == (recording.num_steps + 1 + 15) * width * height * 3
+
+
+def test_mp4_is_a_film(tmp_path, recording):
+    if shutil.which("ffprobe") is None:
+        pytest.skip("needs the programs ffmpeg and ffprobe")
+    file = save_mp4(recording, tmp_path / "episode.mp4", fps=10)
+    asked = "stream=codec_name,nb_frames", "-of", "csv=p=0", str(file)
+    probe = subprocess.check_output(["ffprobe", "-v", "error", "-show_entries", *asked], text=True)
+    assert probe.strip() == f"h264,{recording.num_steps + 1 + 15}"
+
+
+def test_mp4_that_cannot_be_made_says_why(tmp_path, recording, monkeypatch):
+    with pytest.raises(ValueError, match=r"\.mp4"):
+        save_mp4(recording, tmp_path / "episode.gif")
+    with pytest.raises(ValueError, match="fps=90"):
+        save_mp4(recording, tmp_path / "episode.mp4", fps=90)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match="apt install ffmpeg"):
+        save_mp4(recording, tmp_path / "episode.mp4")
+    fake = tmp_path / "ffmpeg"
+    fake.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no encoder')\n")
+    fake.chmod(0o755)
+    with pytest.raises(RuntimeError, match="no encoder"):
+        save_mp4(recording, tmp_path / "episode.mp4")
+
+
+def write_log(folder, rate):
+    folder.mkdir()
+    with (folder / "metrics.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["frames", "evaluation/success_rate", "train/max_dynamic"])
+        writer.writerows([[100 * i, rate, 2] for i in range(1, 4)])
+
+
+def test_curves_take_runs_of_a_name_for_seeds(tmp_path):
+    for name, rate in (("paper_seed_0", 0.2), ("paper_seed_1", 0.6), ("no_tagd_seed_0", 0.4)):
+        write_log(tmp_path / name, rate)
+    (file,) = pictures.curves([tmp_path], tmp_path / "curves", [".svg"])
+    text = file.read_text()
+    assert "paper (mean of 2 seeds)" in text and "no_tagd" in text
+    assert "range of the seeds" in text and "_seed_" not in text
+
+
+def test_sources_and_formats_are_checked(tmp_path):
+    with pytest.raises(ValueError, match=r"source=.*nowhere: no such"):
+        pictures.curves([tmp_path / "nowhere"], tmp_path / "x")
+    with pytest.raises(ValueError, match=r"no metrics\.csv there"):
+        pictures.curves([tmp_path], tmp_path / "x")
+    write_log(tmp_path / "run", 0.5)
+    with pytest.raises(ValueError, match=r"formats=\['\.bmp'\]"):
+        pictures.curves([tmp_path], tmp_path / "x", [".bmp"])
+
+
+def test_each_picture_is_one_command(tmp_path, recording):
+    recording.save(tmp_path / "episode.npz")
+    names = sorted(path.stem for path in (CONF_DIR / "picture").glob("*.yaml"))
+    assert {"curves", "rates", "attention", "tagd", "strip", "failures", "gif"} <= set(names)
+    command = [sys.executable, "-m", "navrl.cli.plot"]
+    words = ["picture=strip", "source=episode.npz", "out=deep/strip"]
+    words.append("picture.formats=[.png,.pdf]")
+    result = subprocess.run(
+        [*command, *words], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert result.returncode == 0, result.stderr[-2000:]
+    assert Image.open(tmp_path / "deep" / "strip.png").width > 800
+    assert (tmp_path / "deep" / "strip.pdf").read_bytes().startswith(b"%PDF")
