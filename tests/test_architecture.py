@@ -21,6 +21,7 @@ RANK = {
     "policies": 4,
     "training": 5,
     "evaluation": 5,
+    "deploy": 5,
     "viz": 6,
     "benchmarks": 6,
     "build": 7,

@@ -3,7 +3,7 @@
 from navrl.benchmarks.collecting import frame_rates, worker_rows
 from navrl.benchmarks.gpu import gpu_rows
 from navrl.benchmarks.growth import fit_exponents
-from navrl.benchmarks.latency import Robot, latency_rows, record_drive
+from navrl.benchmarks.latency import latency_rows, record_drive
 from navrl.benchmarks.learner import count_flops, random_transitions, update_rows
 from navrl.benchmarks.machine import describe_machine
 from navrl.benchmarks.measurement import Budget, Task, alternate
@@ -20,7 +20,6 @@ __all__ = [
     "Budget",
     "RandomDrive",
     "Report",
-    "Robot",
     "Row",
     "Series",
     "Task",

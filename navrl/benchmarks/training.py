@@ -9,9 +9,11 @@ import numpy as np
 
 from navrl.benchmarks.results import Row, at_most
 
-PHASES = {
+PHASES = {  # of the trainer, or of a trainer with workers
     "act": "policy acts",
     "environment": "simulator and transforms",
+    "wait": "waiting for workers",
+    "push": "weights to workers",
     "replay_write": "replay, writing",
     "replay_sample": "replay, sampling",
     "update": "update",
@@ -37,15 +39,16 @@ def training_rows(log: Path, cores: int) -> list[Row]:
     def column(name: str) -> np.ndarray:
         return np.array([float(row[name]) for row in rows])
 
-    seconds = {phase: column(f"seconds/{phase}") for phase in PHASES}
+    timed = [phase for phase in PHASES if rows[0].get(f"seconds/{phase}")]
+    seconds = {phase: column(f"seconds/{phase}") for phase in timed}
     total = np.sum(list(seconds.values()), axis=0)
     place = f"{cores} core{'s' if cores > 1 else ''}"
     found = [
         Row("training.frames", f"training, {place}: frames", "/s", column("speed/frames_per_s")),
         Row("training.updates", "… updates", "/s", column("speed/updates_per_s")),
     ]
-    for phase, what in PHASES.items():
+    for phase, values in seconds.items():
         bar = at_most(10.0) if phase == "environment" else None
-        share = 100 * seconds[phase] / total
-        found.append(Row(f"training.{phase}", f"… time in: {what}", "%", share, bar))
+        label = f"… time in: {PHASES[phase]}"
+        found.append(Row(f"training.{phase}", label, "%", 100 * values / total, bar))
     return found

@@ -26,6 +26,7 @@ from navrl.build.environment import (
 )
 from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
+from navrl.deploy import PolicyRunner
 from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
@@ -82,7 +83,7 @@ def _step(cfg: DictConfig) -> Results:
     return benchmarks.step_rows(
         _maker(cfg, pool),
         _maker(_on_bullet(cfg), pool),
-        cfg.num_worlds,
+        cfg.effort.step_worlds,
         cfg.effort.bullet_worlds,
         _budget(cfg),
         num_threads(cfg),
@@ -94,7 +95,7 @@ def _icp_tagd(cfg: DictConfig) -> Results:
     for name in ("paper", "robust"):
         steps = compose("train", [f"transforms={name}"]).transforms
         variants[name] = instantiate(steps.icp_align), instantiate(steps.tagd)
-    return benchmarks.perception_rows(_maker(cfg)(cfg.num_worlds), variants, _budget(cfg))
+    return benchmarks.perception_rows(_maker(cfg)(cfg.effort.step_worlds), variants, _budget(cfg))
 
 
 def _growth(cfg: DictConfig) -> Results:
@@ -113,7 +114,7 @@ def _growth(cfg: DictConfig) -> Results:
     threads = [n for n in (1, 2, 4, 8, 16, 32, 64, 128) if n <= num_threads(cfg)]
     if len(threads) < 2:
         return [*found, "growth with threads: there is one core"]
-    return [*found, benchmarks.threads_series(make, cfg.num_worlds, threads, budget)]
+    return [*found, benchmarks.threads_series(make, cfg.effort.step_worlds, threads, budget)]
 
 
 def _memory(cfg: DictConfig) -> Results:
@@ -201,12 +202,12 @@ def _workers(cfg: DictConfig) -> Results:
 def _latency(cfg: DictConfig) -> Results:
     raw = make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed)
     drive = benchmarks.record_drive(raw, cfg.effort.scans)
-    low, high = (limit[0] for limit in (raw.action_spec.space.low, raw.action_spec.space.high))
     env = make_env(raw, instantiate(cfg.transforms))
     actor, _ = make_agent(cfg, observation_shapes(env))
     env.close()
-    robot = benchmarks.Robot(instantiate(cfg.transforms), actor.eval(), low, high)
-    return benchmarks.latency_rows(robot, drive, cfg.effort.repeats)
+    parts = (instantiate(cfg[part]) for part in ("lidar", "robot"))
+    runner = PolicyRunner(instantiate(cfg.transforms), actor.eval(), *parts)
+    return benchmarks.latency_rows(runner, drive, cfg.effort.repeats)
 
 
 ROWS: dict[str, Callable[[DictConfig], Results]] = {

@@ -7,16 +7,16 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import linear
 
-_FUSED = torch.ops.mkldnn._linear_pointwise if torch.backends.mkldnn.is_available() else None
-_HAS_BFLOAT16 = _FUSED is not None and torch.ops.mkldnn._is_mkldnn_bf16_supported()
+_HAS_FUSED = torch.backends.mkldnn.is_available() and torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
 def linear_relu(value: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Return ``relu(value @ weight.T + bias)``.
 
-    On the CPU oneDNN writes the activated output at once, which for the wide and shallow layers of
-    the attention networks costs a third of the two steps; autocast is respected. Anywhere else, in
-    ``torch.compile`` and under transforms such as ``vmap``, it is the two steps.
+    In bfloat16 on the CPU, autocast's or the operands' own, oneDNN writes the activated output at
+    once, which for the wide and shallow layers of the attention networks takes half the time of the
+    two steps. Anywhere else, in ``torch.compile`` and under transforms such as ``vmap``, it is the
+    two steps; in float32 they are the faster ones.
 
     Args:
         value: ``[*B, in]``.
@@ -33,15 +33,18 @@ def linear_relu(value: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         return linear(value, weight, bias).relu_()
     if torch.is_grad_enabled() and (value.requires_grad or weight.requires_grad):
         return _LinearReLU.apply(value, weight, bias, dtype)
-    return _FUSED(value.to(dtype), weight.to(dtype), bias.to(dtype), "relu", [], "")
+    return _fused(value.to(dtype), weight.to(dtype), bias.to(dtype))
 
 
 def _is_fusible(value: Tensor, dtype: torch.dtype) -> bool:
-    if _FUSED is None or value.device.type != "cpu" or torch.compiler.is_compiling():
+    if dtype != torch.bfloat16 or value.device.type != "cpu" or not _HAS_FUSED:
         return False
-    if value.numel() == 0 or torch._C._are_functorch_transforms_active():
-        return False
-    return dtype == torch.float32 or (dtype == torch.bfloat16 and _HAS_BFLOAT16)
+    is_transformed = torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()
+    return not is_transformed and value.numel() > 0
+
+
+def _fused(value: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    return torch.ops.mkldnn._linear_pointwise(value, weight, bias, "relu", [], "")
 
 
 class _LinearReLU(torch.autograd.Function):
@@ -49,7 +52,7 @@ class _LinearReLU(torch.autograd.Function):
     def forward(ctx, value: Tensor, weight: Tensor, bias: Tensor, dtype: torch.dtype) -> Tensor:
         ctx.dtypes = value.dtype, weight.dtype, bias.dtype
         value, weight = value.to(dtype), weight.to(dtype)
-        output = _FUSED(value, weight, bias.to(dtype), "relu", [], "")
+        output = _fused(value, weight, bias.to(dtype))
         ctx.save_for_backward(value, weight, output)
         return output
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from navrl.evaluation.comparison import Evaluation
+from navrl.evaluation.stored import Evaluation
 from navrl.viz.style import CYCLE, save_figure, style
 
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet

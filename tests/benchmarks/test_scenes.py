@@ -1,10 +1,8 @@
 """What is measured is what is said: rooms, drives, and a robot that acts on its past."""
 
-import numpy as np
 import torch
 
-from navrl import keys
-from navrl.benchmarks import RandomDrive, Robot, record_drive
+from navrl.benchmarks import RandomDrive, record_drive
 from navrl.benchmarks.scanning import drive_task
 from navrl.benchmarks.scenes import FREE_RADIUS, clutter
 from navrl.build import make_env, make_navigation_env, make_pool, observation_shapes
@@ -58,18 +56,3 @@ def test_a_random_drive_ends_episodes_and_goes_on():
     steps = [drive() for _ in range(200)]
     assert set(steps) == {1}
     assert not drive.carrier["done"].any()
-
-
-def test_the_robot_computes_what_the_environment_does():
-    """The same scans through the transforms of an environment give the same network inputs."""
-    transforms, actor, _, env = make_parts()
-    low, high = torch.tensor([0.0, -2.0]), torch.tensor([1.0, 2.0])
-    robot, carrier = Robot(transforms, actor, low, high), env.reset()
-    for _ in range(6):
-        sensed = {k: carrier[k][0].numpy() for k in (keys.RANGES, keys.POSE, keys.PATH)}
-        command = robot.act(sensed)
-        with torch.no_grad():
-            action = actor(carrier)[keys.ACTION]
-        wanted = (low + high) / 2 + (high - low) / 2 * action[0]
-        np.testing.assert_allclose(command, wanted, atol=1e-5)
-        carrier = env.step_mdp(env.step(carrier))

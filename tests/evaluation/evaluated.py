@@ -6,14 +6,20 @@ import json
 from navrl.evaluation import wilson_interval
 
 
-def write_evaluation(folder, policy, outcomes, delay_s=None, **changes):
-    """Write the two files for episodes with these outcomes; ``changes`` go into the summary."""
+def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, **changes):
+    """Write the two files for episodes with these outcomes; ``changes`` go into the summary.
+
+    Episode i takes 10 + i s and ``delay``; ``time_to_goal_s="{time}"`` writes that column too.
+    """
     folder.mkdir(parents=True)
-    times = [10.0 + i + (delay_s[i] if delay_s else 0.0) for i in range(len(outcomes))]
     rows = [
-        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{time:.6f}"}
-        for i, (outcome, time) in enumerate(zip(outcomes, times, strict=True))
+        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{10 + i + delay}"}
+        for i, outcome in enumerate(outcomes)
     ]
+    if time_to_goal_s is not None:
+        for row in rows:
+            won = row["outcome"] == "success"
+            row["time_to_goal_s"] = time_to_goal_s.format(time=row["time_s"]) if won else ""
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -23,7 +29,7 @@ def write_evaluation(folder, policy, outcomes, delay_s=None, **changes):
         name: sum(outcome.startswith(name) for outcome in outcomes) / total
         for name in ("success", "collision", "timeout")
     }
-    times = [time for time, outcome in zip(times, outcomes, strict=True) if outcome == "success"]
+    times = [10.0 + i for i, outcome in enumerate(outcomes) if outcome == "success"]
     summary = {
         "policy": policy,
         "suite": "table1",

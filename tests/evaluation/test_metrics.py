@@ -75,7 +75,7 @@ def test_waiting_costs_stl():
 
 def test_stalled_time_counts_slow_steps():
     # 0.05 m/s is 0.01 m a step
-    assert value(metrics.stalled_time, *along(0, 0.1, 0.105, 0.105, 0.2)) == pytest.approx(0.4)
+    assert value(metrics.stalled_time, *along(0, 0.1, 0.105, 0.105, 0.135)) == pytest.approx(0.4)
 
 
 def test_time_without_progress_counts_going_back_and_round_in_place():

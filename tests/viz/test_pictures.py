@@ -14,8 +14,8 @@ import yaml
 from PIL import Image
 
 from navrl.config import CONF_DIR
-from navrl.evaluation.comparison import find_evaluations
 from navrl.evaluation.statistics import wilson_interval
+from navrl.evaluation.stored import find_evaluations
 from navrl.ops import grouping
 from navrl.viz import pictures, plot_rates, rates, save_failures, save_mp4, save_tagd, tagd
 

@@ -11,7 +11,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from navrl.evaluation.comparison import ComparisonTable, Evaluation
+from navrl.evaluation.comparison import ComparisonTable
+from navrl.evaluation.stored import Evaluation
 from navrl.viz.curves import TrainingLog
 from navrl.viz.rates import number_row, rate_points, speed_row
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILLION

@@ -9,9 +9,10 @@ from html import escape
 from pathlib import Path
 
 import navrl
-from navrl.evaluation.comparison import ComparisonTable, Evaluation, compare
+from navrl.evaluation.comparison import ComparisonTable, compare
+from navrl.evaluation.stored import Evaluation
 from navrl.viz.report.episodes import episode_data
-from navrl.viz.report.html_tables import comparison_table, measures_table
+from navrl.viz.report.html_tables import comparison_table, measures_table, seeds_table
 from navrl.viz.report.sources import Sources, find_sources
 
 _SIGNIFICANT = 0.05
@@ -149,8 +150,8 @@ def _evaluation(
     heading = f"{table.suite} in {table.simulator}, {played:,} episodes ({table.suite_hash[:8]})"
     return (
         f'<section class="evaluation"><h2>{escape(heading)}</h2>\n'
-        f'<p class="verdict">{escape(_verdict(table))}</p>\n{comparison_table(table)}'
-        f"{measures_table(table, evaluations)}"
+        f'<p class="verdict">{escape(_verdict(table))}</p>\n'
+        f"{comparison_table(table)}{seeds_table(table)}{measures_table(table, evaluations)}"
         f"<p>Episodes' hash: <code>{escape(table.suite_hash)}</code></p>\n"
         f"{''.join(places)}</section>\n"
     )

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from navrl.evaluation.comparison import Evaluation, find_evaluations
 from navrl.evaluation.recording import Recording
+from navrl.evaluation.stored import Evaluation, find_evaluations
 
 
 @dataclass(frozen=True)
