@@ -3,29 +3,52 @@
 from navrl.evaluation.comparison import (
     ComparisonRow,
     ComparisonTable,
-    Evaluation,
     compare,
-    find_evaluations,
+    compare_folders,
 )
+from navrl.evaluation.metrics import METRICS, Trajectory, measure
 from navrl.evaluation.results import OUTCOMES, rates, summarize, write_results
 from navrl.evaluation.rollout import ERROR, EpisodeRecord, Preparing, evaluate
-from navrl.evaluation.statistics import wilson_interval
-from navrl.evaluation.tables import comma_separated, markdown, write_comparison
+from navrl.evaluation.statistics import (
+    bootstrap_mean,
+    interquartile_mean,
+    mcnemar_p_value,
+    paired_difference,
+    stratified_bootstrap,
+    wilson_interval,
+)
+from navrl.evaluation.stored import Evaluation, find_evaluations
+from navrl.evaluation.tables import (
+    comma_separated,
+    markdown,
+    metrics_markdown,
+    write_comparison,
+)
 
 __all__ = [
     "ERROR",
+    "METRICS",
     "OUTCOMES",
     "ComparisonRow",
     "ComparisonTable",
     "EpisodeRecord",
     "Evaluation",
     "Preparing",
+    "Trajectory",
+    "bootstrap_mean",
     "comma_separated",
     "compare",
+    "compare_folders",
     "evaluate",
     "find_evaluations",
+    "interquartile_mean",
     "markdown",
+    "mcnemar_p_value",
+    "measure",
+    "metrics_markdown",
+    "paired_difference",
     "rates",
+    "stratified_bootstrap",
     "summarize",
     "wilson_interval",
     "write_comparison",

@@ -2,56 +2,26 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import yaml
-from scipy.stats import binomtest
 
-from navrl.evaluation.statistics import wilson_interval
+from navrl.evaluation.pairing import (
+    MetricComparison,
+    compare_metrics,
+    finished_by_all,
+    success_difference,
+)
+from navrl.evaluation.seeds import SeedSummary, over_seeds, split_seed
+from navrl.evaluation.statistics import Estimate, bootstrap_mean, wilson_interval
+from navrl.evaluation.stored import Evaluation, check_same_episodes, find_evaluations
 
 CHEATING = ("orca", "oracle")
 """Controllers that read the true state, which no lidar gives."""
 
 _RATES = ("success", "collision", "timeout")
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """What one job of ``navrl-evaluate`` left.
-
-    Args:
-        folder: With ``summary.json`` and ``episodes.csv``.
-        summary: The former.
-    """
-
-    folder: Path
-    summary: Mapping
-
-    @property
-    def label(self) -> str:
-        """The policy, with what was changed about it."""
-        changes = self.summary.get("change") or {}
-        return ", ".join([self.summary["policy"], *(f"{k}={v}" for k, v in changes.items())])
-
-    @property
-    def setting(self) -> tuple[str, str, str]:
-        """Suite, hash of its episodes and simulator: what is compared must share all three."""
-        return tuple(str(self.summary[name]) for name in ("suite", "suite_hash", "simulator"))
-
-    @cached_property
-    def episodes(self) -> dict[int, Mapping[str, str]]:
-        """The rows of ``episodes.csv`` by the episode's index; columns are found by name."""
-        with (self.folder / "episodes.csv").open(newline="") as file:
-            return {int(row["index"]): row for row in csv.DictReader(file)}
-
-    def succeeded(self) -> dict[int, bool]:
-        """Return which episodes were won."""
-        return {index: row["outcome"] == "success" for index, row in self.episodes.items()}
 
 
 @dataclass(frozen=True)
@@ -65,9 +35,12 @@ class ComparisonRow:
         rates: ``success``, ``collision`` and ``timeout``, in [0, 1].
         intervals: 95 % Wilson interval of each rate.
         time_s: Mean s of the successes; ``None`` without any.
+        common_time: s to the goal, mean over the episodes that all policies of the table win.
         difference: Success rate less the reference's, on the same episodes; ``None`` of the
             reference itself and where there is none.
+        difference_interval: 95 % paired bootstrap interval of it; ``None`` likewise.
         p_value: Of that difference, exact McNemar test; ``None`` likewise.
+        metrics: Every other metric, with intervals and paired differences.
         published: The paper's own figures: rates in [0, 1] and ``time`` in s; empty without any.
         cheats: Whether the true state is read.
         folder: Where the row comes from.
@@ -79,8 +52,11 @@ class ComparisonRow:
     rates: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float]]
     time_s: float | None
+    common_time: Estimate
     difference: float | None
+    difference_interval: tuple[float, float] | None
     p_value: float | None
+    metrics: Sequence[MetricComparison]
     published: Mapping[str, float]
     cheats: bool
     folder: str
@@ -96,6 +72,8 @@ class ComparisonTable:
         simulator: Name.
         reference: What others are compared with; ``None`` if it is not among them.
         rows: One a policy.
+        finished_by_all: Number of episodes that all of them win.
+        seeds: Approaches that were trained with several seeds.
     """
 
     suite: str
@@ -103,23 +81,8 @@ class ComparisonTable:
     simulator: str
     reference: str | None
     rows: Sequence[ComparisonRow]
-
-
-def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
-    """Return every evaluation in or below some folders, in the order of their paths.
-
-    Raises:
-        ValueError: If a folder does not exist or holds none.
-    """
-    found: dict[Path, Evaluation] = {}
-    for folder in map(Path, folders):
-        files = sorted(folder.rglob("summary.json"))
-        files = [file for file in files if file.with_name("episodes.csv").is_file()]
-        if not files:
-            raise ValueError(f"{folder}: no evaluation there (summary.json and episodes.csv)")
-        for file in files:
-            found[file.parent] = Evaluation(file.parent, json.loads(file.read_text()))
-    return list(found.values())
+    finished_by_all: int
+    seeds: Sequence[SeedSummary]
 
 
 def compare(evaluations: Sequence[Evaluation], reference: str = "paper") -> list[ComparisonTable]:
@@ -141,7 +104,29 @@ def compare(evaluations: Sequence[Evaluation], reference: str = "paper") -> list
     groups: dict[tuple[str, str, str], list[Evaluation]] = {}
     for evaluation in evaluations:
         groups.setdefault(evaluation.setting, []).append(evaluation)
-    return [_table(setting, members, reference) for setting, members in groups.items()]
+    return [_table(setting, _labelled(members), reference) for setting, members in groups.items()]
+
+
+def compare_folders(folders: Sequence[str | Path], reference: str | None = None) -> ComparisonTable:
+    """Put all evaluations in some folders side by side, on whichever simulator they were played.
+
+    Args:
+        folders: Searched with all below them.
+        reference: Label of what the others are compared with; the first evaluation if ``None``.
+
+    Raises:
+        ValueError: If they did not play the same episodes, or there is no such reference.
+    """
+    evaluations = find_evaluations(folders)
+    check_same_episodes(evaluations)
+    simulators = sorted({evaluation.setting[2] for evaluation in evaluations})
+    by_label = _labelled(evaluations, with_simulator=len(simulators) > 1)
+    if reference is None:
+        reference = next(iter(by_label))
+    elif reference not in {split_seed(label)[0] for label in by_label} | by_label.keys():
+        raise ValueError(f"reference={reference}: need one of {sorted(by_label)}")
+    suite, suite_hash, _ = evaluations[0].setting
+    return _table((suite, suite_hash, " and ".join(simulators)), by_label, reference)
 
 
 def published_figures() -> dict[str, dict[str, dict[str, float]]]:
@@ -157,30 +142,43 @@ def published_figures() -> dict[str, dict[str, dict[str, float]]]:
 
 
 def _table(
-    setting: tuple[str, str, str], members: Sequence[Evaluation], reference: str
+    setting: tuple[str, str, str], by_label: Mapping[str, Evaluation], reference: str
 ) -> ComparisonTable:
-    labels = _distinct_labels(members)
     published = published_figures().get(setting[0], {})
-    by_label = dict(zip(labels, members, strict=True))
+    finished = finished_by_all(list(by_label.values()))
     rows = []
     for label, evaluation in by_label.items():
         other = by_label.get(_reference_of(label, reference, by_label))
-        rows.append(_row(label, evaluation, other, published))
+        if other is evaluation:
+            other = None
+        rows.append(_row(label, evaluation, other, finished, published))
     rows.sort(key=lambda row: (-row.rates["success"], row.policy))
     has_reference = any(row.difference is not None for row in rows) or reference in by_label
-    return ComparisonTable(*setting, reference if has_reference else None, rows)
+    return ComparisonTable(
+        *setting,
+        reference=reference if has_reference else None,
+        rows=rows,
+        finished_by_all=len(finished),
+        seeds=over_seeds(by_label),
+    )
 
 
 def _row(
-    label: str, evaluation: Evaluation, other: Evaluation | None, published: Mapping
+    label: str,
+    evaluation: Evaluation,
+    reference: Evaluation | None,
+    finished: set[int],
+    published: Mapping,
 ) -> ComparisonRow:
     summary = evaluation.summary
     total = int(summary["episodes"])
     rates = {name: float(summary[f"{name}_rate"]) for name in _RATES}
     counts = {name: round(rate * total) for name, rate in rates.items()}
-    difference = p_value = None
-    if other is not None and other is not evaluation:
-        difference, p_value = _paired(evaluation.succeeded(), other.succeeded())
+    difference = interval = p_value = None
+    if reference is not None:
+        found, p_value = success_difference(evaluation, reference)
+        difference, interval = found.value, (found.low, found.high)
+    times = evaluation.finite("time_s")
     return ComparisonRow(
         policy=label,
         episodes=total,
@@ -188,44 +186,35 @@ def _row(
         rates=rates,
         intervals={name: wilson_interval(counts[name], total) for name in _RATES},
         time_s=summary.get("navigation_time_s"),
+        common_time=bootstrap_mean([times[index] for index in sorted(finished)]),
         difference=difference,
+        difference_interval=interval,
         p_value=p_value,
-        published=published.get(_without_seed(label), {}),
+        metrics=compare_metrics(evaluation, reference, finished),
+        published=published.get(split_seed(label)[0], {}),
         cheats=summary["policy"] in CHEATING,
         folder=str(evaluation.folder),
     )
 
 
-def _paired(mine: Mapping[int, bool], theirs: Mapping[int, bool]) -> tuple[float, float]:
-    """Return the difference in success over the episodes that both played, and its p-value."""
-    both = sorted(mine.keys() & theirs.keys())
-    first, second = [mine[i] for i in both], [theirs[i] for i in both]
-    difference = (sum(first) - sum(second)) / len(both)
-    return difference, _mcnemar_p_value(first, second)
-
-
-def _mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
-    """Return the exact two-sided p-value: of the episodes that one alone won, who won how many."""
-    only_first = sum(a and not b for a, b in zip(first, second, strict=True))
-    only_one = sum(a != b for a, b in zip(first, second, strict=True))
-    return float(binomtest(only_first, only_one).pvalue) if only_one else 1.0
-
-
-def _distinct_labels(members: Sequence[Evaluation]) -> list[str]:
-    """Name policies so that no two share a name: by their folders where they would."""
-    labels = [member.label for member in members]
-    return [
-        label if labels.count(label) == 1 else f"{label} ({member.folder.parent.name})"
-        for label, member in zip(labels, members, strict=True)
-    ]
+def _labelled(
+    evaluations: Sequence[Evaluation], with_simulator: bool = False
+) -> dict[str, Evaluation]:
+    """Name evaluations so that no two share a name: by their folders where they would."""
+    labels = [f"{e.label}, {e.setting[2]}" if with_simulator else e.label for e in evaluations]
+    for place in (lambda e: e.folder.parent.name, lambda e: str(e.folder)):
+        labels = [
+            label if labels.count(label) == 1 else f"{label} ({place(evaluation)})"
+            for label, evaluation in zip(labels, evaluations, strict=True)
+        ]
+    return dict(zip(labels, evaluations, strict=True))
 
 
 def _reference_of(label: str, reference: str, known: Iterable[str]) -> str:
-    _, marker, seed = label.rpartition("_seed_")
-    same_seed = f"{reference}{marker}{seed}"
-    return same_seed if marker and same_seed in known else reference
-
-
-def _without_seed(label: str) -> str:
-    name, marker, seed = label.rpartition("_seed_")
-    return name if marker and seed.isdigit() else label
+    """Return the label of what a run is compared with: the reference of its own seed, if any."""
+    seed = split_seed(label)[1]
+    if seed is not None:
+        for other in known:
+            if split_seed(other) == (reference, seed):
+                return other
+    return reference

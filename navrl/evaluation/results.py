@@ -1,4 +1,7 @@
-"""What an evaluation leaves: ``episodes.csv`` and ``summary.json``, byte for byte reproducible."""
+"""What an evaluation leaves: ``episodes.csv`` and ``summary.json``, byte for byte reproducible.
+
+Their schema is in ``docs/evaluation.md``.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,12 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from navrl.envs import Outcome
+from navrl.evaluation.metrics import METRICS
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
-from navrl.evaluation.statistics import wilson_interval
+from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
 
 OUTCOMES = tuple(o.name.lower() for o in Outcome if o is not Outcome.RUNNING)
 _COLUMNS = (
@@ -22,8 +28,15 @@ _COLUMNS = (
     "min_pedestrian_distance_m",
     "run_into",
     "solved",
-    "error",
+    "noise_seed",
+    "num_dynamic",
+    "num_static",
+    "pedestrian_speed_mps",
 )
+COLUMNS = (*_COLUMNS, *(m.name for m in METRICS if m.name not in _COLUMNS), "error")
+"""Of ``episodes.csv``; more may be added before ``error``, so find them by name."""
+_FLAGS = {metric.name for metric in METRICS if metric.is_rate}
+_RATES = ("success", "collision", "timeout", "collision_pedestrian", "collision_static")
 
 
 def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
@@ -51,7 +64,7 @@ def summarize(
         how many succeeded and their mean navigation time in s (``None`` without any); how many were
         run into, which are among the collisions with pedestrians; how many raised an error. Of a
         policy that plans ahead also how many it solved: those that nobody could win are among the
-        others.
+        others. Under ``metrics`` every metric over all episodes and over the successes.
 
     Raises:
         ValueError: If there is no record.
@@ -65,7 +78,36 @@ def summarize(
         "suite_hash": suite_hash,
         "simulator": simulator,
         **_rates(records),
+        "metrics": summarize_metrics(records),
         "by_scenario": {kind: _rates([r for r in records if r.scenario == kind]) for kind in kinds},
+    }
+
+
+def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
+    """Summarise every metric over all episodes played and over the successes alone.
+
+    Args:
+        records: Episodes; those that raised an error have no metrics.
+
+    Returns:
+        For each metric its ``unit``, which is ``better``, and for ``all`` and ``successes``: ``n``,
+        how many episodes have a finite value; their ``mean`` with its 95 % ``interval`` (Wilson of
+        what is 0 or 1, else bootstrap) and their ``median``; ``None`` of none.
+    """
+    groups = {
+        "all": [r.metrics for r in records if r.metrics],
+        "successes": [r.metrics for r in records if r.outcome == "success" and r.metrics],
+    }
+    return {
+        metric.name: {
+            "unit": metric.unit,
+            "better": metric.better,
+            **{
+                group: _summary([values[metric.name] for values in rows], metric.is_rate)
+                for group, rows in groups.items()
+            },
+        }
+        for metric in METRICS
     }
 
 
@@ -73,10 +115,11 @@ def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict)
     """Write ``episodes.csv`` and ``summary.json`` into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "episodes.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
         for record in records:
-            writer.writerow({name: _cell(getattr(record, name)) for name in _COLUMNS})
+            values = {**record.metrics, **vars(record)}
+            writer.writerow({name: _cell(values.get(name), name in _FLAGS) for name in COLUMNS})
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
 
 
@@ -85,7 +128,7 @@ def _rates(records: Sequence[EpisodeRecord]) -> dict:
     count = {name: sum(r.outcome == name for r in records) for name in (*OUTCOMES, ERROR)}
     count["collision"] = count["collision_pedestrian"] + count["collision_static"]
     result: dict = {"episodes": total}
-    for name in ("success", "collision", "timeout", "collision_pedestrian", "collision_static"):
+    for name in _RATES:
         low, high = wilson_interval(count[name], total)
         result[f"{name}_rate"] = round(count[name] / total, 6)
         result[f"{name}_interval"] = [round(low, 6), round(high, 6)]
@@ -99,8 +142,24 @@ def _rates(records: Sequence[EpisodeRecord]) -> dict:
     return result
 
 
-def _cell(value: object) -> object:
-    """Write a value; ``None`` is an empty cell."""
-    if isinstance(value, bool):
+def _summary(values: Sequence[float | None], is_rate: bool) -> dict:
+    known = np.array([value for value in values if value is not None], dtype=float)
+    known = known[np.isfinite(known)]
+    if len(known) == 0:
+        return {"n": 0, "mean": None, "interval": None, "median": None}
+    mean, low, high, count = bootstrap_mean(known)
+    if is_rate:
+        low, high = wilson_interval(int(known.sum()), count)
+    return {
+        "n": count,
+        "mean": round(mean, 6),
+        "interval": [round(low, 6), round(high, 6)],
+        "median": round(float(np.median(known)), 6),
+    }
+
+
+def _cell(value: object, is_flag: bool) -> object:
+    """Write a value; ``None`` is an empty cell, and a flag is 0 or 1."""
+    if value is not None and (is_flag or isinstance(value, bool)):
         return int(value)
     return f"{value:.6f}" if isinstance(value, float) else value

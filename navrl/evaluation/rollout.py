@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import traceback
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 import torch
@@ -15,6 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from navrl import keys
 from navrl.envs import Outcome
+from navrl.evaluation.metrics import Trajectory, measure
 from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.sim import Contact
 from navrl.worlds import KINDS, ScenarioBatch
@@ -56,6 +59,12 @@ class EpisodeRecord:
         run_into: Whether a pedestrian moved into the robot rather than the robot into it.
         error: Traceback, if the episode raised.
         solved: Whether the policy knew beforehand how to win; ``None`` of one that does not plan.
+        noise_seed: Of the lidar's noise.
+        num_dynamic: Pedestrians who walk.
+        num_static: Pedestrians who stand.
+        pedestrian_speed_mps: m/s, mean speed of those who walk; ``None`` without any.
+        metrics: Every metric of :data:`navrl.evaluation.metrics.METRICS` by name; ``None`` where it
+            is not defined, empty after an error.
     """
 
     index: int
@@ -68,6 +77,11 @@ class EpisodeRecord:
     run_into: bool = False
     error: str = ""
     solved: bool | None = None
+    noise_seed: int = 0
+    num_dynamic: int = 0
+    num_static: int = 0
+    pedestrian_speed_mps: float | None = None
+    metrics: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @torch.no_grad()
@@ -77,6 +91,7 @@ def evaluate(
     scenarios: ScenarioBatch,
     on_step: Callable[[TensorDictBase], None] | None = None,
     on_chunk: Callable[[int], None] | None = None,
+    on_start: Callable[[range], None] | None = None,
 ) -> list[EpisodeRecord]:
     """Play each scenario once.
 
@@ -89,6 +104,8 @@ def evaluate(
         on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
             with those of its neighbours once more.
         on_chunk: Called with the number of episodes finished since the last call.
+        on_start: Called before each reset with the rows of ``scenarios`` that worlds 0, 1, ... are
+            about to play; a repetition after an error starts again.
 
     Returns:
         A record per scenario, in order.
@@ -97,7 +114,7 @@ def evaluate(
     records: list[EpisodeRecord] = []
     for first in range(0, len(scenarios), size):
         chunk = range(first, min(first + size, len(scenarios)))
-        records += _play_chunk(env, policy, scenarios, chunk, on_step)
+        records += _play_chunk(env, policy, scenarios, chunk, on_step, on_start)
         if on_chunk is not None:
             on_chunk(len(chunk))
     return records
@@ -109,6 +126,7 @@ def _play_chunk(
     scenarios: ScenarioBatch,
     chunk: range,
     on_step: Callable[[TensorDictBase], None] | None,
+    on_start: Callable[[range], None] | None,
 ) -> list[EpisodeRecord]:
     """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
 
@@ -117,31 +135,62 @@ def _play_chunk(
     """
     rows = torch.arange(chunk.start, chunk.start + env.batch_size.numel())
     batch = scenarios[rows.clamp_max(chunk[-1])]
+    if on_start is not None:
+        on_start(chunk)
     try:
-        tally = _play(env, policy, batch, on_step)
+        series, solved = _play(env, policy, batch, on_step)
     except Exception:
         if len(chunk) == 1:
             return [_failed(batch, chunk.start, traceback.format_exc())]
         middle = len(chunk) // 2
-        halves = chunk[:middle], chunk[middle:]
-        return [r for half in halves for r in _play_chunk(env, policy, scenarios, half, on_step)]
-    return [_record(tally, batch, row, index) for row, index in enumerate(chunk)]
+        play = partial(_play_chunk, env, policy, scenarios, on_step=on_step, on_start=on_start)
+        return [r for half in (chunk[:middle], chunk[middle:]) for r in play(half)]
+    played = torch.arange(len(chunk))
+    trajectory = series.trajectory(env, batch[played], len(chunk))
+    metrics = {name: values.tolist() for name, values in measure(trajectory).items()}
+    return [
+        _record(trajectory, metrics, batch, row, index, solved) for row, index in enumerate(chunk)
+    ]
 
 
-@dataclass
-class _Tally:
-    outcome: Tensor
-    contact: Tensor
-    steps: Tensor
-    length: Tensor
-    clearance: Tensor
-    time_step_s: float
-    solved: Tensor | None
+class _Series:
+    """What metrics need of each step of N worlds."""
 
-    def cpu(self) -> _Tally:
-        """Return it on the CPU, where it is read number by number."""
-        moved = {k: v.cpu() for k, v in vars(self).items() if isinstance(v, Tensor)}
-        return replace(self, **moved)
+    def __init__(self, carrier: TensorDictBase) -> None:
+        self._pose = [carrier[keys.POSE]]
+        self._pedestrians = [carrier[keys.PEDESTRIAN_BOXES]]
+        self._steps = torch.zeros(len(carrier), dtype=torch.int64, device=carrier.device)
+        self._outcome, self._contact = self._steps, self._steps
+        self.running = torch.ones_like(self._steps, dtype=torch.bool)
+
+    def add(self, stepped: TensorDictBase) -> None:
+        """Add a step; worlds that have ended stay ended."""
+        following = stepped["next"]
+        self._pose.append(following[keys.POSE])
+        self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
+        self._steps = self._steps + self.running
+        ends = self.running & following["done"].squeeze(-1)
+        self._outcome = torch.where(ends, following[keys.OUTCOME].squeeze(-1), self._outcome)
+        self._contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), self._contact)
+        self.running = self.running & ~ends
+
+    def trajectory(self, env: TransformedEnv, scenarios: ScenarioBatch, count: int) -> Trajectory:
+        """Return the first ``count`` worlds' episodes."""
+        simulator = env.base_env.simulator
+        pose, pedestrians = (
+            torch.stack(series, dim=1)[:count].cpu().numpy()
+            for series in (self._pose, self._pedestrians)
+        )
+        last = (self._steps, self._outcome, self._contact)
+        return Trajectory.from_series(
+            scenarios,
+            pose,
+            pedestrians,
+            *(value[:count].cpu().numpy() for value in last),
+            time_step_s=simulator.time_step_s,
+            robot_radius=simulator.robot.radius,
+            max_speed=simulator.robot.max_speed,
+        )
 
 
 def _play(
@@ -149,66 +198,74 @@ def _play(
     policy: Callable[[TensorDictBase], TensorDictBase],
     batch: ScenarioBatch,
     on_step: Callable[[TensorDictBase], None] | None,
-) -> _Tally:
-    base = env.base_env
-    base.set_scenarios(batch)
+) -> tuple[_Series, Tensor | None]:
+    env.base_env.set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         with torch_on_one_thread():
             carrier = env.reset()
-        zeros = torch.zeros(len(batch), dtype=torch.int64, device=env.device)
-        tally = _Tally(
-            outcome=zeros,
-            contact=zeros,
-            steps=zeros.clone(),
-            length=zeros.float(),
-            clearance=carrier[keys.PEDESTRIAN_CLEARANCE].squeeze(-1).clone(),
-            time_step_s=base.simulator.time_step_s,
-            solved=solved,
-        )
-        running = torch.ones_like(zeros, dtype=torch.bool)
-        while bool(running.any()):
+        series = _Series(carrier)
+        while bool(series.running.any()):
             decided = policy(carrier)
             with torch_on_one_thread():
                 stepped = env.step(decided)
             if on_step is not None:
                 on_step(stepped)
-            running = _count(tally, running, stepped)
+            series.add(stepped)
             carrier = step_mdp(stepped)
-    return tally.cpu()
+    return series, solved
 
 
-def _count(tally: _Tally, running: Tensor, stepped: TensorDictBase) -> Tensor:
-    """Add a step of the worlds that still run; return which go on."""
-    following = stepped["next"]
-    moved = following[keys.POSE][:, :2] - stepped[keys.POSE][:, :2]
-    clearance = following[keys.PEDESTRIAN_CLEARANCE].squeeze(-1)
-    tally.length += torch.where(running, moved.norm(dim=-1), 0.0)
-    tally.clearance = torch.where(
-        running, torch.minimum(tally.clearance, clearance), tally.clearance
-    )
-    tally.steps += running
-    ends = running & following["done"].squeeze(-1)
-    tally.outcome = torch.where(ends, following[keys.OUTCOME].squeeze(-1), tally.outcome)
-    tally.contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), tally.contact)
-    return running & ~ends
-
-
-def _record(tally: _Tally, batch: ScenarioBatch, row: int, index: int) -> EpisodeRecord:
-    steps = int(tally.steps[row])
+def _record(
+    trajectory: Trajectory,
+    metrics: Mapping[str, Sequence[float]],
+    batch: ScenarioBatch,
+    row: int,
+    index: int,
+    solved: Tensor | None,
+) -> EpisodeRecord:
+    steps = int(trajectory.num_steps[row])
+    values = {name: _defined(column[row]) for name, column in metrics.items()}
     return EpisodeRecord(
         index=index,
-        scenario=KINDS[int(batch.kind[row])],
-        outcome=Outcome(int(tally.outcome[row])).name.lower(),
+        outcome=Outcome(int(trajectory.outcome[row])).name.lower(),
         steps=steps,
-        time_s=steps * tally.time_step_s,
-        path_length_m=float(tally.length[row]),
-        min_pedestrian_distance_m=float(tally.clearance[row]),
-        run_into=int(tally.contact[row]) == Contact.RUN_INTO,
-        solved=None if tally.solved is None else bool(tally.solved[row]),
+        time_s=steps * trajectory.time_step_s,
+        path_length_m=values["path_length_m"],
+        min_pedestrian_distance_m=values["min_pedestrian_distance_m"],
+        run_into=int(trajectory.contact[row]) == Contact.RUN_INTO,
+        solved=None if solved is None else bool(solved[row]),
+        metrics=values,
+        **_setting(batch, row),
     )
 
 
 def _failed(batch: ScenarioBatch, index: int, error: str) -> EpisodeRecord:
     nan = float("nan")
-    return EpisodeRecord(index, KINDS[int(batch.kind[0])], ERROR, 0, nan, nan, nan, error=error)
+    return EpisodeRecord(
+        index=index,
+        outcome=ERROR,
+        steps=0,
+        time_s=nan,
+        path_length_m=nan,
+        min_pedestrian_distance_m=nan,
+        error=error,
+        **_setting(batch, 0),
+    )
+
+
+def _setting(batch: ScenarioBatch, row: int) -> dict:
+    """Return what the scenario in ``row`` is like."""
+    present, standing = batch.ped_present[row], batch.ped_static[row]
+    speeds = batch.ped_speed[row][present & ~standing]
+    return {
+        "scenario": KINDS[int(batch.kind[row])],
+        "noise_seed": int(batch.noise_seed[row]),
+        "num_dynamic": len(speeds),
+        "num_static": int((present & standing).sum()),
+        "pedestrian_speed_mps": float(speeds.mean()) if len(speeds) else None,
+    }
+
+
+def _defined(value: float) -> float | None:
+    return None if math.isnan(value) else value

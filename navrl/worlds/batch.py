@@ -21,6 +21,7 @@ class ScenarioBatch:
     Args:
         boxes: ``[S, W, 5]`` float64 walls; rows from ``num_boxes`` on are padding.
         num_boxes: ``[S]`` int64.
+        num_furniture: ``[S]`` int64, how many of them, the last ones, are furniture.
         start: ``[S, 3]`` float64 robot pose.
         goal: ``[S, 2]`` float64 m.
         path: ``[S, MAX_PATH_POINTS, 2]`` float32 m, padded by repeating the goal.
@@ -38,6 +39,7 @@ class ScenarioBatch:
 
     boxes: Tensor
     num_boxes: Tensor
+    num_furniture: Tensor
     start: Tensor
     goal: Tensor
     path: Tensor
@@ -95,7 +97,8 @@ class ScenarioBatch:
 
     @classmethod
     def from_tensors(cls, tensors: Mapping[str, Tensor]) -> ScenarioBatch:
-        """Rebuild from :meth:`tensors`."""
+        """Rebuild from :meth:`tensors`, also from those written before there was furniture."""
+        tensors = {"num_furniture": torch.zeros_like(tensors["num_boxes"]), **tensors}
         return cls(**{field.name: tensors[field.name] for field in fields(cls)})
 
     def to(self, device: torch.device | str) -> ScenarioBatch:
@@ -137,6 +140,7 @@ def _row(scenario: Scenario, max_boxes: int, max_pedestrians: int) -> dict[str, 
     return {
         "boxes": boxes,
         "num_boxes": np.int64(len(scenario.boxes)),
+        "num_furniture": np.int64(scenario.num_furniture),
         "start": scenario.start,
         "goal": scenario.goal,
         "path": path.astype(np.float32),

@@ -70,9 +70,11 @@ class Scenario:
         path: ``[P, 2]`` m, global path from start to goal, points about 0.1 m apart.
         pedestrians: Dynamic ones first, then static ones.
         noise_seed: Seeds the lidar's noise, in [0, 2**32).
+        num_furniture: How many of ``boxes``, the last ones, are furniture and no walls. It only
+            tells collisions apart; robot and lidar make no difference.
 
     Raises:
-        ValueError: If a shape is wrong.
+        ValueError: If a shape is wrong, or there is more furniture than boxes.
     """
 
     suite: str
@@ -85,6 +87,7 @@ class Scenario:
     path: np.ndarray
     pedestrians: tuple[Pedestrian, ...]
     noise_seed: int
+    num_furniture: int = 0
 
     def __post_init__(self) -> None:
         expected = {"boxes": (None, 5), "start": (3,), "goal": (2,), "path": (None, 2)}
@@ -97,9 +100,16 @@ class Scenario:
                 raise ValueError(f"{name}: need shape {list(shape)}, got {list(got)}")
         if not 2 <= len(self.path) <= MAX_PATH_POINTS:
             raise ValueError(f"path: need 2 to {MAX_PATH_POINTS} points, got {len(self.path)}")
+        if not 0 <= self.num_furniture <= len(self.boxes):
+            raise ValueError(
+                f"num_furniture={self.num_furniture}: need 0 to {len(self.boxes)}, all boxes"
+            )
 
     def to_dict(self) -> dict:
-        """Return plain lists and numbers; floats survive the round trip exactly."""
+        """Return plain lists and numbers; floats survive the round trip exactly.
+
+        ``num_furniture`` is left out if it is 0: scenarios without keep the hash they always had.
+        """
         plain = {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in vars(self).items()
@@ -113,6 +123,8 @@ class Scenario:
             }
             for person in self.pedestrians
         ]
+        if not self.num_furniture:
+            del plain["num_furniture"]
         return {"format": _FORMAT, **plain}
 
     @classmethod
@@ -122,7 +134,7 @@ class Scenario:
         Raises:
             ValueError: If the format is unknown, a key is missing or one is not known.
         """
-        plain = dict(plain)
+        plain = {"num_furniture": 0, **plain}
         if plain.pop("format", None) != _FORMAT:
             raise ValueError(f"scenario: need format {_FORMAT!r}")
         missing = sorted(cls.__dataclass_fields__.keys() - plain.keys())

@@ -3,14 +3,23 @@
 import csv
 import json
 
+from navrl.evaluation import wilson_interval
 
-def write_evaluation(folder, policy, outcomes, **changes):
-    """Write the two files for episodes with these outcomes; ``changes`` go into the summary."""
+
+def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, **changes):
+    """Write the two files for episodes with these outcomes; ``changes`` go into the summary.
+
+    Episode i takes 10 + i s and ``delay``; ``time_to_goal_s="{time}"`` writes that column too.
+    """
     folder.mkdir(parents=True)
     rows = [
-        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{10 + i}.0"}
+        {"index": i, "scenario": "corridor", "outcome": outcome, "time_s": f"{10 + i + delay}"}
         for i, outcome in enumerate(outcomes)
     ]
+    if time_to_goal_s is not None:
+        for row in rows:
+            won = row["outcome"] == "success"
+            row["time_to_goal_s"] = time_to_goal_s.format(time=row["time_s"]) if won else ""
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -30,6 +39,7 @@ def write_evaluation(folder, policy, outcomes, **changes):
         "errors": outcomes.count("error"),
         "navigation_time_s": sum(times) / len(times) if times else None,
         **{f"{name}_rate": value for name, value in rate.items()},
+        "success_interval": wilson_interval(outcomes.count("success"), total),
         **changes,
     }
     (folder / "summary.json").write_text(json.dumps(summary))

@@ -8,10 +8,14 @@ from evaluated import HIT, LATE, WON, write_evaluation
 from navrl.evaluation import (
     comma_separated,
     compare,
+    compare_folders,
     find_evaluations,
     markdown,
+    metrics_markdown,
     write_comparison,
 )
+from navrl.evaluation.pairing import compare_metrics, finished_by_all, success_difference
+from navrl.evaluation.seeds import split_seed
 
 
 def rows_of(table):
@@ -86,6 +90,7 @@ def test_the_three_files_say_the_same(tmp_path):
         "comparison.md",
         "comparison.csv",
         "comparison.json",
+        "comparison_metrics.csv",
     ]
     assert "`oracle`\\*" in files[0].read_text()
     assert "3 (1 errors)" in files[0].read_text()
@@ -107,3 +112,71 @@ def test_without_the_reference_nothing_is_compared(tmp_path):
 def test_a_folder_without_evaluations_is_named(tmp_path):
     with pytest.raises(ValueError, match="no evaluation there"):
         find_evaluations([tmp_path / "nowhere"])
+
+
+def test_runs_of_different_episodes_are_refused(tmp_path):
+    write_evaluation(tmp_path / "a", "paper", [WON] * 4)
+    write_evaluation(tmp_path / "b", "dwa", [WON] * 4, suite_hash="other", suite="mine")
+    with pytest.raises(ValueError, match=r"not the same episodes.*table1 \(hash abc\).*of mine"):
+        compare_folders([tmp_path / "a", tmp_path / "b"])
+    runs = find_evaluations([tmp_path])
+    for pair in (success_difference, lambda a, b: compare_metrics(a, b, set())):
+        with pytest.raises(ValueError, match="not the same episodes"):
+            pair(*runs)
+    with pytest.raises(ValueError, match="not the same episodes"):
+        finished_by_all(runs)
+
+
+def test_folders_are_compared_with_the_first_or_with_a_named_one(tmp_path):
+    write_evaluation(tmp_path / "a", "paper", [WON] * 4)
+    write_evaluation(tmp_path / "b", "paper", [WON] * 3 + [HIT], simulator="BulletSimulator")
+    table = compare_folders([tmp_path / "b", tmp_path / "a"])
+    assert table.simulator == "BatchedSimulator and BulletSimulator"
+    assert table.reference == "paper, BulletSimulator"
+    assert rows_of(table)["paper, BatchedSimulator"].difference == pytest.approx(1 / 4)
+    table = compare_folders([tmp_path], reference="paper, BatchedSimulator")
+    assert rows_of(table)["paper, BulletSimulator"].difference == pytest.approx(-1 / 4)
+    with pytest.raises(ValueError, match="reference=dwa"):
+        compare_folders([tmp_path], reference="dwa")
+
+
+def test_times_are_compared_where_all_succeed(tmp_path):
+    # won by all: 0 and 3, which take 10 and 13 s; by the first two: 0, 1, 3
+    write_evaluation(tmp_path / "a", "paper", [WON, WON, HIT, WON], time_to_goal_s="{time}")
+    slow = {"time_to_goal_s": "{time}", "delay": 2.0}
+    write_evaluation(tmp_path / "b", "dwa", [WON, WON, WON, WON], **slow)
+    write_evaluation(tmp_path / "c", "random", [WON, HIT, HIT, WON], time_to_goal_s="{time}")
+    table = compare_folders([tmp_path])
+    assert table.finished_by_all == 2
+    rows = rows_of(table)
+    assert rows["paper"].common_time.value == pytest.approx(11.5)
+    assert rows["paper"].common_time.n == 2
+    assert rows["dwa"].common_time.value == pytest.approx(13.5)
+    (time,) = (m for m in rows["dwa"].metrics if m.name == "time_to_goal_s")
+    assert (time.unit, time.over, time.own.n, time.common.n) == ("s", "successes", 4, 2)
+    assert time.own.value == pytest.approx(13.5)
+    assert time.difference.value == pytest.approx(2.0)  # over 0, 1 and 3, which both win
+    assert (time.difference.n, time.difference.p_value) == (3, 0.25)
+    text = metrics_markdown(table)
+    assert "| `time_to_goal_s` | `dwa` | 13.5 s [" in text
+    assert "| +2 [+2, +2] | 3 | 0.250 |" in text
+    assert "time where all succeed, n=2" in markdown(table)
+    rows = csv.DictReader(io.StringIO((write_comparison([table], tmp_path)[3]).read_text()))
+    (row,) = (r for r in rows if r["policy"] == "dwa")
+    assert (row["metric"], row["pairs"], row["difference"]) == ("time_to_goal_s", "3", "2.0")
+    assert (row["mean_n"], row["common_n"], row["common"]) == ("4", "2", "13.5")
+
+
+def test_training_seeds_are_summarised(tmp_path):
+    outcomes = ([WON] * 4, [WON, WON, HIT, HIT], [WON, WON, WON, HIT])
+    for seed, played in enumerate(outcomes):
+        write_evaluation(tmp_path / str(seed), f"paper_seed_{seed}", played)
+    write_evaluation(tmp_path / "other", "dwa", [HIT] * 4)
+    table = compare_folders([tmp_path])
+    (found,) = table.seeds
+    assert (found.approach, found.seeds, found.rates) == ("paper", (0, 1, 2), (1.0, 0.5, 0.75))
+    assert found.success.value == pytest.approx(0.75)
+    assert found.success.n == 3 and 0.5 <= found.success.low < 0.75 < found.success.high <= 1.0
+    assert "| `paper` | 3 | 75.0 % [" in markdown(table)
+    assert split_seed("outputs-seed=3") == ("outputs", 3)
+    assert split_seed("no_seed_here") == ("no_seed_here", None)

@@ -8,23 +8,46 @@ from dataclasses import replace
 import pytest
 
 from navrl.evaluation import EpisodeRecord, rates, summarize, wilson_interval, write_results
+from navrl.evaluation.metrics import METRICS as METRIC_TABLE
 
+NAMES = [metric.name for metric in METRIC_TABLE]
+FIRST = dict.fromkeys(NAMES) | {
+    "success": 1.0,
+    "time_to_goal_s": 8.0,
+    "min_time_to_collision_s": math.inf,
+}
+SETTING = {
+    "run_into": True,
+    "noise_seed": 9,
+    "num_dynamic": 2,
+    "num_static": 1,
+    "pedestrian_speed_mps": 0.6,
+}
 RECORDS = [
-    EpisodeRecord(0, "corridor", "success", 40, 8.0, 7.123456789, 0.25),
+    EpisodeRecord(0, "corridor", "success", 40, 8.0, 7.123456789, 0.25, metrics=FIRST),
     EpisodeRecord(1, "office", "success", 51, 10.200000000000001, 9.5, math.inf),
-    EpisodeRecord(2, "office", "collision_pedestrian", 7, 1.4000000000000001, 1.0, 0.0, True),
+    EpisodeRecord(2, "office", "collision_pedestrian", 7, 1.4000000000000001, 1.0, 0.0, **SETTING),
     EpisodeRecord(3, "corridor", "collision_static", 9, 1.8, 1.5, 0.5),
     EpisodeRecord(4, "office", "timeout", 150, 30.0, 3.0, 0.4),
     EpisodeRecord(5, "office", "error", 0, math.nan, math.nan, math.nan, False, "a\nb"),
 ]
-CSV = """\
-index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,error
-0,corridor,success,40,8.000000,7.123457,0.250000,0,,
-1,office,success,51,10.200000,9.500000,inf,0,,
-2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,,
-3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,,
-4,office,timeout,150,30.000000,3.000000,0.400000,0,,
-5,office,error,0,nan,nan,nan,0,,"a
+METRICS = (
+    "success,timeout,collision,collision_wall,collision_furniture,moved_into_pedestrian,"
+    "time_to_goal_s,spl,stl,stalled_time_s,time_without_progress_s,mean_speed_mps,max_speed_mps,"
+    "mean_acceleration_mps2,max_acceleration_mps2,mean_jerk_mps3,max_jerk_mps3,heading_change_rad,"
+    "mean_pedestrian_distance_m,beyond_0.45m_share,beyond_1.2m_share,min_time_to_collision_s"
+)
+NO_METRICS = "," * METRICS.count(",")
+CSV = f"""\
+index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,\
+noise_seed,num_dynamic,num_static,pedestrian_speed_mps,{METRICS},error
+0,corridor,success,40,8.000000,7.123457,0.250000,0,,0,0,0,,\
+1,,,,,,8.000000,{"," * 14}inf,
+1,office,success,51,10.200000,9.500000,inf,0,,0,0,0,,{NO_METRICS},
+2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,,9,2,1,0.600000,{NO_METRICS},
+3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,,0,0,0,,{NO_METRICS},
+4,office,timeout,150,30.000000,3.000000,0.400000,0,,0,0,0,,{NO_METRICS},
+5,office,error,0,nan,nan,nan,0,,0,0,0,,{NO_METRICS},"a
 b"
 """
 
@@ -87,3 +110,25 @@ def test_plans_are_counted_and_written(tmp_path):
     write_results(tmp_path, planned, summary(planned))
     with (tmp_path / "episodes.csv").open(newline="") as file:
         assert [row["solved"] for row in csv.DictReader(file)] == ["1", "1", "0", "0", "0", "0"]
+
+
+def test_metrics_are_summarised_over_all_and_over_successes():
+    played = [
+        replace(r, metrics=dict.fromkeys(NAMES) | {"success": float(won), "spl": spl})
+        for r, won, spl in zip(RECORDS[:4], (1, 1, 0, 0), (0.5, 1.0, 0.0, math.inf), strict=True)
+    ]
+    found = summary([*played, RECORDS[5]])["metrics"]
+    assert found["success"]["all"]["n"] == 4  # what raised has no metrics
+    assert found["success"]["all"]["mean"] == 0.5
+    assert found["success"]["all"]["interval"] == pytest.approx(wilson_interval(2, 4), abs=1e-6)
+    assert (found["spl"]["unit"], found["spl"]["better"]) == ("1", "higher")
+    assert found["spl"]["all"]["n"] == 3  # of finite values
+    assert found["spl"]["all"]["median"] == 0.5
+    assert found["spl"]["successes"]["mean"] == 0.75
+    assert found["spl"]["successes"]["interval"] == [0.5, 1.0]
+    assert found["time_to_goal_s"]["all"] == {
+        "n": 0,
+        "mean": None,
+        "interval": None,
+        "median": None,
+    }

@@ -1,11 +1,19 @@
-"""Intervals against the textbook's formula."""
+"""Estimates and tests against textbook formulas and against what they promise."""
 
 import math
 
+import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import binom, norm, ttest_rel
 
-from navrl.evaluation import wilson_interval
+from navrl.evaluation.statistics import (
+    bootstrap_mean,
+    interquartile_mean,
+    mcnemar_p_value,
+    paired_difference,
+    stratified_bootstrap,
+    wilson_interval,
+)
 
 
 @pytest.mark.parametrize("successes, total", [(0, 10), (10, 10), (81, 100), (3, 7)])
@@ -20,3 +28,85 @@ def test_is_the_score_interval(successes, total, confidence):
 
 def test_without_trials_nothing_is_known():
     assert all(math.isnan(bound) for bound in wilson_interval(0, 0))
+
+
+def test_the_bootstrap_agrees_with_the_normal_interval_where_that_holds():
+    times = np.random.default_rng(3).normal(9.0, 2.0, size=400)
+    found = bootstrap_mean(times)
+    half = 1.96 * times.std(ddof=1) / math.sqrt(400)
+    assert found.value == pytest.approx(times.mean())
+    assert (found.low, found.high) == pytest.approx(
+        (times.mean() - half, times.mean() + half), abs=half / 8
+    )
+    assert found.n == 400
+    wider = bootstrap_mean(times, confidence=0.99)
+    assert wider.low < found.low and found.high < wider.high
+    assert bootstrap_mean(times) == found  # the same table twice
+
+
+def test_the_bootstrap_of_little():
+    assert bootstrap_mean([3.0]) == (3.0, 3.0, 3.0, 1)
+    assert bootstrap_mean([]).n == 0 and math.isnan(bootstrap_mean([]).value)
+    with pytest.raises(ValueError, match="inf"):
+        bootstrap_mean([1.0, math.inf])
+
+
+def test_mcnemar_is_the_binomial_test_of_those_won_by_one_alone():
+    # 5 won by both, 8 by the first alone, 2 by the second alone, 4 by neither
+    first = [True] * 13 + [False] * 6
+    second = [True] * 5 + [False] * 8 + [True] * 2 + [False] * 4
+    expected = 2 * binom.cdf(2, 10, 0.5)
+    assert mcnemar_p_value(first, second) == pytest.approx(expected)
+    assert mcnemar_p_value(second, first) == pytest.approx(expected)
+    assert mcnemar_p_value(first, first) == 1.0
+    with pytest.raises(ValueError, match="same episodes"):
+        mcnemar_p_value(first, second[:-1])
+
+
+def test_pairing_finds_what_the_spread_of_episodes_hides():
+    rng = np.random.default_rng(0)
+    length = rng.uniform(4, 20, size=200)  # some episodes are long for everybody
+    first, second = length + rng.normal(0.1, 0.3, 200), length
+    found = paired_difference(first, second)
+    reference = ttest_rel(first, second)
+    assert found.value == pytest.approx((first - second).mean())
+    assert found.low < found.value < found.high
+    interval = reference.confidence_interval()
+    assert (found.low, found.high) == pytest.approx(tuple(interval), abs=0.01)
+    assert found.p_value < 0.01 and found.n == 200
+    shuffled = paired_difference(first, rng.permutation(second))
+    assert shuffled.p_value > 0.05  # unpaired, nothing can be told
+
+
+def test_p_values_are_uniform_where_there_is_no_difference():
+    rng = np.random.default_rng(1)
+    draws = rng.normal(size=(300, 40))
+    p_values = [paired_difference(row, np.zeros(40), resamples=400).p_value for row in draws]
+    assert 0.02 < np.mean(np.array(p_values) < 0.05) < 0.10
+    assert 0.4 < np.mean(p_values) < 0.6
+
+
+def test_differences_that_are_all_alike():
+    assert paired_difference([2.0] * 5, [1.0] * 5) == (1.0, 1.0, 1.0, 2 * 0.5**5, 5)
+    assert paired_difference([1.0, 2.0], [1.0, 2.0]).p_value == 1.0
+    assert paired_difference([], []).n == 0
+
+
+def test_interquartile_mean_leaves_out_a_quarter_at_each_end():
+    assert interquartile_mean(np.array([0.0, 1.0, 2.0, 100.0])) == pytest.approx(1.5)
+    assert interquartile_mean(np.arange(8.0).reshape(2, 4)) == pytest.approx(3.5)
+
+
+def test_seeds_are_drawn_within_each_task():
+    # Tasks differ much, seeds do not: strata keep the interval narrow.
+    scores = np.array([[0.1, 0.5, 0.9], [0.12, 0.52, 0.92], [0.11, 0.51, 0.91]])
+    found = stratified_bootstrap(scores)
+    assert found.n == 3
+    assert found.value == pytest.approx(interquartile_mean(scores))
+    assert found.low >= 0.5 and found.high <= 0.52
+    spread = stratified_bootstrap(np.array([[0.2], [0.5], [0.8], [0.9]]))
+    assert spread.high - spread.low > 0.2
+    single = stratified_bootstrap(np.array([[0.4, 0.6]]))
+    assert math.isnan(single.low) and single.n == 1
+    with pytest.raises(ValueError, match="scores"):
+        stratified_bootstrap(np.array([0.4, 0.6]))

@@ -1,0 +1,75 @@
+"""Metrics: small pure functions of trajectories, each with its unit, definition and source."""
+
+from navrl.evaluation.metrics.efficiency import (
+    duration,
+    path_length,
+    spl,
+    stalled_time,
+    stl,
+    time_to_goal,
+    time_without_progress,
+)
+from navrl.evaluation.metrics.ending import (
+    collision,
+    collision_furniture,
+    collision_wall,
+    moved_into_pedestrian,
+    run_into,
+    success,
+    timeout,
+)
+from navrl.evaluation.metrics.latency import controller_latency
+from navrl.evaluation.metrics.motion import (
+    cumulative_heading_change,
+    max_acceleration,
+    max_jerk,
+    max_speed,
+    mean_acceleration,
+    mean_jerk,
+    mean_speed,
+    speeds,
+)
+from navrl.evaluation.metrics.people import (
+    beyond_intimate,
+    beyond_personal,
+    mean_pedestrian_distance,
+    min_pedestrian_distance,
+    min_time_to_collision,
+)
+from navrl.evaluation.metrics.table import METRICS, Metric, measure
+from navrl.evaluation.metrics.trajectory import Trajectory
+
+__all__ = [
+    "METRICS",
+    "Metric",
+    "Trajectory",
+    "beyond_intimate",
+    "beyond_personal",
+    "collision",
+    "collision_furniture",
+    "collision_wall",
+    "controller_latency",
+    "cumulative_heading_change",
+    "duration",
+    "max_acceleration",
+    "max_jerk",
+    "max_speed",
+    "mean_acceleration",
+    "mean_jerk",
+    "mean_pedestrian_distance",
+    "mean_speed",
+    "measure",
+    "min_pedestrian_distance",
+    "min_time_to_collision",
+    "moved_into_pedestrian",
+    "path_length",
+    "run_into",
+    "speeds",
+    "spl",
+    "stalled_time",
+    "stl",
+    "success",
+    "time_to_goal",
+    "time_without_progress",
+    "timeout",
+]

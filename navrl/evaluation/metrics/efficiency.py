@@ -1,0 +1,111 @@
+"""How much way and time episodes take."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from navrl.evaluation.metrics.ending import success
+from navrl.evaluation.metrics.trajectory import Trajectory, total
+from navrl.ops.contact import MOVING_SPEED
+from navrl.ops.path import project_onto_path
+
+_LEAST_PROGRESS = 1e-3  # m a step; less is rounding
+
+
+def duration(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` s from the start to the end, whatever the end; a last cut step counts whole.
+
+    Reference:
+        Paper Table I, navigation time.
+    """
+    return trajectory.num_steps * trajectory.time_step_s
+
+
+def time_to_goal(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` s from the start to the goal; NaN where it is not reached.
+
+    Reference:
+        Paper Table I, navigation time of successful episodes; T of Francis et al. 2023.
+    """
+    return np.where(success(trajectory) > 0, duration(trajectory), np.nan)
+
+
+def path_length(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m, the sum of the distances between the samples' positions.
+
+    Reference:
+        PL of Francis et al. 2023.
+    """
+    return total(_moved(trajectory), trajectory.is_sample[:, 1:])
+
+
+def spl(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` in [0, 1], success weighted by path length: S L* / max(L, L*).
+
+    L* is the length of the planned path, which keeps the robot's radius and more off the walls and
+    knows no pedestrians; L that of the way driven.
+
+    Reference:
+        Anderson et al., "On Evaluation of Embodied Navigation Agents", 2018.
+    """
+    planned = trajectory.planned_length
+    return success(trajectory) * planned / np.maximum(path_length(trajectory), planned)
+
+
+def stl(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` in [0, 1], success weighted by time: S T* / max(T, T*).
+
+    T* = L* / (the robot's maximum speed), the planned path driven without any turn or stop.
+
+    Reference:
+        Francis et al. 2023; iGibson Social Navigation Challenge 2021. Theirs takes T* from an
+        optimal planner with the robot's dynamics; ours is a lower bound of it.
+    """
+    fastest = trajectory.planned_length / trajectory.max_speed
+    return success(trajectory) * fastest / np.maximum(duration(trajectory), fastest)
+
+
+def stalled_time(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` s of whole steps with a mean speed of at most 0.05 m/s.
+
+    Reference:
+        ST of Francis et al. 2023 (v = 0); 0.05 m/s is ours, the speed below which a robot moves
+        into nobody.
+    """
+    slow = _moved(trajectory) <= MOVING_SPEED * trajectory.time_step_s
+    return _seconds(trajectory, slow)
+
+
+def time_without_progress(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` s of whole steps that brought the robot no further along its path than before.
+
+    Progress is the arc length of the position's projection on the planned path, as the policy sees
+    it; driving back and again over the same stretch is no progress.
+
+    Reference:
+        FP, failure to progress, of Francis et al. 2023, who count straight-line distance to the
+        goal; along the path, a way round a wall is progress too.
+    """
+    gained = np.diff(_progress(trajectory), axis=1)
+    return _seconds(trajectory, gained < _LEAST_PROGRESS)
+
+
+def _moved(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E, T]`` m between successive positions."""
+    return np.linalg.norm(np.diff(trajectory.pose[..., :2], axis=1), axis=-1)
+
+
+def _seconds(trajectory: Trajectory, steps: np.ndarray) -> np.ndarray:
+    return (steps & trajectory.is_whole_step).sum(axis=1) * trajectory.time_step_s
+
+
+def _progress(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E, T + 1]`` m along the planned path, never falling."""
+    path = torch.from_numpy(np.asarray(trajectory.path, dtype=np.float32))
+    position = torch.from_numpy(np.nan_to_num(trajectory.pose[..., :2]).astype(np.float32))
+    progress, found = None, []
+    for sample in position.unbind(dim=1):
+        progress, _ = project_onto_path(path, sample.contiguous(), progress)
+        found.append(progress)
+    return torch.stack(found, dim=1).double().numpy()

@@ -1,0 +1,87 @@
+"""How episodes end, and who is to blame. Each metric is 1 where it holds and 0 elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from navrl.envs import Outcome
+from navrl.evaluation.metrics.trajectory import Trajectory
+from navrl.ops.distance import point_box_distance
+from navrl.sim import Contact
+
+
+def success(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether the goal was reached in time and without any contact.
+
+    Reference:
+        Paper Sec. V-A, goal within 0.2 m; SR of Francis et al. 2023 (arXiv 2306.16740).
+    """
+    return (trajectory.outcome == Outcome.SUCCESS).astype(float)
+
+
+def timeout(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether the time was up before goal and contact.
+
+    Reference:
+        Paper Sec. V-A, 150 steps of 0.2 s; TO of Francis et al. 2023.
+    """
+    return (trajectory.outcome == Outcome.TIMEOUT).astype(float)
+
+
+def collision(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether the robot touched anything.
+
+    Reference:
+        Paper Sec. V-A; C of Francis et al. 2023.
+    """
+    return (trajectory.contact != Contact.NONE).astype(float)
+
+
+def moved_into_pedestrian(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether the robot moved into a person: faster than 0.05 m/s and towards it.
+
+    Reference:
+        The human collisions (HC) of Francis et al. 2023 with the robot at fault; the rule is ours,
+        :class:`navrl.sim.Contact`.
+    """
+    return (trajectory.contact == Contact.PEDESTRIAN).astype(float)
+
+
+def run_into(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether a person moved into the robot.
+
+    Reference:
+        The rest of HC of Francis et al. 2023; they are collisions all the same, as in the paper.
+    """
+    return (trajectory.contact == Contact.RUN_INTO).astype(float)
+
+
+def collision_wall(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether the robot touched a wall.
+
+    Reference:
+        WC of Francis et al. 2023.
+    """
+    return _static(trajectory, furniture=False)
+
+
+def collision_furniture(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` whether the robot touched a piece of furniture.
+
+    Reference:
+        OC, collisions with objects, of Francis et al. 2023.
+    """
+    return _static(trajectory, furniture=True)
+
+
+def _static(trajectory: Trajectory, furniture: bool) -> np.ndarray:
+    """What was touched is the box nearest to the robot's centre when it stopped."""
+    touched = trajectory.contact == Contact.STATIC
+    if trajectory.boxes.shape[1] == 0:
+        return touched.astype(float) * (not furniture)
+    end = trajectory.pose[np.arange(len(trajectory)), trajectory.num_steps, :2]
+    distance = point_box_distance(torch.from_numpy(end), torch.from_numpy(trajectory.boxes))
+    nearest = distance.argmin(dim=-1, keepdim=True).numpy()
+    is_furniture = np.take_along_axis(trajectory.is_furniture, nearest, axis=1)[:, 0]
+    return (touched & (is_furniture == furniture)).astype(float)

@@ -1,0 +1,92 @@
+"""How smoothly the robot drives: finite differences of its poses at the control step, unsmoothed.
+
+A step that a contact cut short has no known duration and is left out. Successive speeds are one
+time step apart; the start from rest counts for nothing. NaN where an episode is too short.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navrl.evaluation.metrics.trajectory import Trajectory, largest, mean, total
+
+
+def speeds(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E, T]`` m/s, distance over time of each step, never negative."""
+    moved = np.linalg.norm(np.diff(trajectory.pose[..., :2], axis=1), axis=-1)
+    return moved / trajectory.time_step_s
+
+
+def mean_speed(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m/s.
+
+    Reference:
+        V_avg of Francis et al. 2023 (arXiv 2306.16740).
+    """
+    return mean(speeds(trajectory), trajectory.is_whole_step)
+
+
+def max_speed(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m/s.
+
+    Reference:
+        V_max of Francis et al. 2023.
+    """
+    return largest(speeds(trajectory), trajectory.is_whole_step)
+
+
+def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m/s^2, the mean size of the change of speed, braking included.
+
+    Reference:
+        A_avg of Francis et al. 2023.
+    """
+    return mean(*_differences(trajectory, order=1))
+
+
+def max_acceleration(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m/s^2, the largest size of the change of speed, braking included.
+
+    Reference:
+        A_max of Francis et al. 2023.
+    """
+    return largest(*_differences(trajectory, order=1))
+
+
+def mean_jerk(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m/s^3, the mean size of the change of acceleration.
+
+    Reference:
+        J_avg of Francis et al. 2023.
+    """
+    return mean(*_differences(trajectory, order=2))
+
+
+def max_jerk(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m/s^3, the largest size of the change of acceleration.
+
+    Reference:
+        J_max of Francis et al. 2023.
+    """
+    return largest(*_differences(trajectory, order=2))
+
+
+def cumulative_heading_change(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` rad, the sum of the sizes of all turns between samples.
+
+    Reference:
+        CHC of HuNavSim (Perez-Higueras et al. 2023). A turn by more than pi in one step would be
+        taken for the shorter one; the robot's limit is 0.63 rad a step.
+    """
+    turned = np.diff(trajectory.pose[..., 2], axis=1)
+    turned = (turned + np.pi) % (2 * np.pi) - np.pi
+    return total(np.abs(turned), trajectory.is_sample[:, 1:])
+
+
+def _differences(trajectory: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return sizes ``[E, T - order]`` of the order-th derivative of speed, and which count."""
+    value, counted = speeds(trajectory), trajectory.is_whole_step
+    for _ in range(order):
+        value = np.diff(value, axis=1) / trajectory.time_step_s
+        counted = counted[:, 1:]
+    return np.abs(value), counted

@@ -1,0 +1,90 @@
+"""How near people the robot comes. Distances are between surfaces, from hull to cuboid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navrl.evaluation.metrics.trajectory import Trajectory, mean
+from navrl.sim import Contact
+
+INTIMATE_M = 0.45
+"""m, end of the intimate distance (Hall, "The Hidden Dimension", 1966)."""
+PERSONAL_M = 1.2
+"""m, end of the personal distance (Hall 1966)."""
+
+
+def min_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m to the nearest person at the nearest sample; infinite without people.
+
+    Reference:
+        DH_min of Francis et al. 2023 (arXiv 2306.16740).
+    """
+    found = np.where(trajectory.is_sample, _nearest(trajectory), np.inf).min(axis=1)
+    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.RUN_INTO))
+    return np.where(touched, 0.0, found)
+
+
+def mean_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` m to the nearest person, mean over samples; infinite without people.
+
+    Reference:
+        DH_avg of Francis et al. 2023.
+    """
+    return mean(_nearest(trajectory), trajectory.is_sample)
+
+
+def beyond_intimate(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` in [0, 1], share of samples with everybody farther than 0.45 m.
+
+    Reference:
+        Space compliance of Francis et al. 2023; SocNavGym (Kapoor et al. 2023) and the iGibson
+        Social Navigation Challenge with a threshold of 0.5 m or 0.45 m.
+    """
+    return mean(_nearest(trajectory) > INTIMATE_M, trajectory.is_sample)
+
+
+def beyond_personal(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` in [0, 1], share of samples with everybody farther than 1.2 m.
+
+    Reference:
+        Proxemics of HuNavSim (Perez-Higueras et al. 2023), surface to surface as here.
+    """
+    return mean(_nearest(trajectory) > PERSONAL_M, trajectory.is_sample)
+
+
+def min_time_to_collision(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E]`` s, the least time to a contact if both went on as in the step before.
+
+    Robot and people are discs here, people of their cuboid's larger half side; velocities are those
+    of the last step. Infinite if nobody was ever on a collision course, zero after a contact with a
+    person.
+
+    Reference:
+        TTC of Francis et al. 2023, constant velocities.
+    """
+    robot = trajectory.pose[..., :2][:, :, None]
+    people = trajectory.pedestrians[..., :2]
+    reach = trajectory.robot_radius + trajectory.pedestrians[..., 2:4].max(axis=-1)
+    offset, approach = people - robot, np.diff(people - robot, axis=1) / trajectory.time_step_s
+    time_s = _time_to_contact(offset[:, 1:], approach, reach[:, 1:])
+    counted = trajectory.is_whole_step[..., None] & ~np.isnan(time_s)
+    found = np.where(counted, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
+    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.RUN_INTO))
+    return np.where(touched, 0.0, found)
+
+
+def _nearest(trajectory: Trajectory) -> np.ndarray:
+    """Return ``[E, T + 1]`` m to the nearest person."""
+    return trajectory.clearances.min(axis=-1, initial=np.inf)
+
+
+def _time_to_contact(offset: np.ndarray, velocity: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Return s until a point at ``offset [..., 2]`` comes within ``reach [...]`` of the origin."""
+    a = (velocity**2).sum(axis=-1)
+    b = (offset * velocity).sum(axis=-1)
+    c = (offset**2).sum(axis=-1) - reach**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(b**2 - a * c)  # NaN if they pass each other
+        first = np.where((b < 0) & ~np.isnan(root), (-b - root) / a, np.inf)
+        first = np.where(c <= 0, 0.0, first)
+    return np.where(np.isnan(c), np.nan, first)

@@ -1,0 +1,215 @@
+"""What happened in a batch of episodes, as arrays: the one input of every metric."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from navrl.envs import Outcome
+from navrl.ops.distance import point_box_distance
+from navrl.sim import Contact
+from navrl.worlds import Scenario, ScenarioBatch
+
+if TYPE_CHECKING:
+    from navrl.evaluation.recording import Recording
+
+_CONTACTS = {  # of recordings that do not tell who moved
+    Outcome.COLLISION_STATIC: Contact.STATIC,
+    Outcome.COLLISION_PEDESTRIAN: Contact.PEDESTRIAN,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """E episodes side by side, the longest of T steps.
+
+    Sample t of an episode is its state t time steps after the start; sample 0 is the start and
+    sample ``num_steps`` the end. Later samples are NaN and count for nothing: a metric of an
+    episode is the same number, bit for bit, whatever it is stacked with.
+
+    Args:
+        time_step_s: s between samples. A step that ends in a contact is cut short there.
+        robot_radius: m.
+        max_speed: m/s, the robot's limit.
+        num_steps: ``[E]`` int64, at least 1.
+        outcome: ``[E]`` codes of :class:`navrl.envs.Outcome`.
+        contact: ``[E]`` codes of :class:`navrl.sim.Contact` at the end.
+        pose: ``[E, T + 1, 3]`` (x, y, yaw) of the robot, m and rad, world.
+        pedestrians: ``[E, T + 1, K, 5]`` (cx, cy, hx, hy, yaw), m and rad, world; NaN rows where
+            nobody is.
+        boxes: ``[E, W, 5]`` walls and furniture, m and rad, world; NaN rows are padding.
+        is_furniture: ``[E, W]`` bool.
+        path: ``[E, P, 2]`` m, world; the planned path, padded by repeating the goal.
+        planned_length: ``[E]`` m, of that path.
+
+    Raises:
+        ValueError: If a shape does not fit, naming the array.
+    """
+
+    time_step_s: float
+    robot_radius: float
+    max_speed: float
+    num_steps: np.ndarray
+    outcome: np.ndarray
+    contact: np.ndarray
+    pose: np.ndarray
+    pedestrians: np.ndarray
+    boxes: np.ndarray
+    is_furniture: np.ndarray
+    path: np.ndarray
+    planned_length: np.ndarray
+
+    def __post_init__(self) -> None:
+        episodes, samples = np.shape(self.pose)[:2]
+        expected = {
+            "num_steps": (episodes,),
+            "outcome": (episodes,),
+            "contact": (episodes,),
+            "pose": (episodes, samples, 3),
+            "pedestrians": (episodes, samples, None, 5),
+            "boxes": (episodes, None, 5),
+            "is_furniture": (episodes, np.shape(self.boxes)[1]),
+            "path": (episodes, None, 2),
+            "planned_length": (episodes,),
+        }
+        for name, shape in expected.items():
+            got = np.shape(getattr(self, name))
+            if len(got) != len(shape) or not all(
+                want in (None, have) for want, have in zip(shape, got, strict=True)
+            ):
+                raise ValueError(f"{name}: need shape {list(shape)}, got {list(got)}")
+        if not ((self.num_steps >= 1) & (self.num_steps < samples)).all():
+            raise ValueError(f"num_steps={self.num_steps}: need 1 to {samples - 1}")
+
+    def __len__(self) -> int:
+        return len(self.num_steps)
+
+    @cached_property
+    def is_sample(self) -> np.ndarray:
+        """``[E, T + 1]`` bool, the sample is part of its episode."""
+        return np.arange(self.pose.shape[1]) <= self.num_steps[:, None]
+
+    @cached_property
+    def is_whole_step(self) -> np.ndarray:
+        """``[E, T]`` bool, the step is part of its episode and no contact cut it short."""
+        cut = (self.contact != Contact.NONE)[:, None]
+        return np.arange(self.pose.shape[1] - 1) < self.num_steps[:, None] - cut
+
+    @cached_property
+    def clearances(self) -> np.ndarray:
+        """``[E, T + 1, K]`` m from the robot's hull to each person, surface to surface.
+
+        Infinite where nobody is, zero where they touch; samples after the end are infinite.
+        """
+        centre = torch.from_numpy(np.ascontiguousarray(self.pose[..., :2]))
+        boxes = torch.from_numpy(np.ascontiguousarray(self.pedestrians))
+        return (point_box_distance(centre, boxes).numpy() - self.robot_radius).clip(min=0.0)
+
+    @classmethod
+    def from_series(
+        cls,
+        scenarios: ScenarioBatch,
+        pose: np.ndarray,
+        pedestrians: np.ndarray,
+        num_steps: np.ndarray,
+        outcome: np.ndarray,
+        contact: np.ndarray,
+        **constants: float,
+    ) -> Trajectory:
+        """Build from what was observed; rows after an episode's end may hold anything.
+
+        Args:
+            scenarios: What was played, one a row.
+            pose: See the class.
+            pedestrians: See the class.
+            num_steps: See the class.
+            outcome: See the class.
+            contact: See the class.
+            constants: ``time_step_s``, ``robot_radius`` and ``max_speed``.
+        """
+        over = np.arange(pose.shape[1]) > num_steps[:, None]
+        pose, pedestrians = pose.astype(np.float64), pedestrians.astype(np.float64)
+        pose[over], pedestrians[over] = np.nan, np.nan
+        index = torch.arange(scenarios.boxes.shape[1])
+        is_box = index < scenarios.num_boxes[:, None]
+        is_furniture = is_box & (index >= (scenarios.num_boxes - scenarios.num_furniture)[:, None])
+        return cls(
+            num_steps=num_steps,
+            outcome=outcome,
+            contact=contact,
+            pose=pose,
+            pedestrians=pedestrians,
+            boxes=scenarios.boxes.masked_fill(~is_box[..., None], torch.nan).numpy(),
+            is_furniture=is_furniture.numpy(),
+            path=scenarios.path.numpy(),
+            planned_length=scenarios.path_length.numpy(),
+            **constants,
+        )
+
+    @classmethod
+    def from_recordings(cls, recordings: Sequence[Recording], max_speed: float) -> Trajectory:
+        """Build from recordings of any lengths, all of the same robot and time step.
+
+        Args:
+            recordings: At least one.
+            max_speed: m/s, the robot's limit.
+
+        Raises:
+            ValueError: If there is none, or robots or time steps differ.
+        """
+        constants = {(r.time_step_s, r.robot_radius) for r in recordings}
+        if len(constants) != 1:
+            raise ValueError(f"recordings: need one robot and one time step, got {len(constants)}")
+        ((time_step_s, robot_radius),) = constants
+        steps = np.array([r.num_steps for r in recordings])
+        outcomes = [Outcome[r.outcome.upper()] for r in recordings]
+        people = max(r.pedestrian_boxes.shape[1] for r in recordings)
+        shape = (len(steps), steps.max() + 1)
+        pose, pedestrians = np.full((*shape, 3), np.nan), np.full((*shape, people, 5), np.nan)
+        for row, recording in enumerate(recordings):
+            boxes = recording.pedestrian_boxes
+            pose[row, : len(boxes)] = recording.pose
+            pedestrians[row, : len(boxes), : boxes.shape[1]] = boxes
+        contact = [
+            _CONTACTS.get(outcome, Contact.NONE) if r.contact is None else r.contact
+            for r, outcome in zip(recordings, outcomes, strict=True)
+        ]
+        return cls.from_series(
+            ScenarioBatch.pack([Scenario.from_json(r.scenario) for r in recordings]),
+            pose,
+            pedestrians,
+            steps,
+            np.array(outcomes, dtype=np.int64),
+            np.array(contact, dtype=np.int64),
+            time_step_s=time_step_s,
+            robot_radius=robot_radius,
+            max_speed=max_speed,
+        )
+
+
+def total(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Return the sum ``[E]`` of ``values [E, T]`` where ``counted [E, T]``.
+
+    Added one after the other: numpy's own sum groups its terms by the array's length, so an
+    episode's last digit would depend on the longest of those it is stacked with.
+    """
+    if values.shape[1] == 0:
+        return np.zeros(len(values))
+    return np.where(counted, values, 0.0).cumsum(axis=1)[:, -1]
+
+
+def mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Return the mean ``[E]`` of ``values [E, T]`` where ``counted``; NaN where nothing is."""
+    count = counted.sum(axis=1)
+    return np.where(count > 0, total(values, counted) / np.maximum(count, 1), np.nan)
+
+
+def largest(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Return the largest ``[E]`` of ``values [E, T]`` where ``counted``; NaN where nothing is."""
+    found = np.where(counted, values, -np.inf).max(axis=1, initial=-np.inf)
+    return np.where(counted.any(axis=1), found, np.nan)

@@ -1,0 +1,208 @@
+"""Each metric on trajectories whose numbers are known by hand."""
+
+import numpy as np
+import pytest
+from trajectories import along, standing, trajectory
+
+from navrl.envs import Outcome
+from navrl.evaluation import metrics
+from navrl.evaluation.metrics import METRICS, measure
+from navrl.sim import Contact
+
+HIT = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.PEDESTRIAN}
+RUN_INTO = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.RUN_INTO}
+STATIC = {"outcome": Outcome.COLLISION_STATIC, "contact": Contact.STATIC}
+LATE = {"outcome": Outcome.TIMEOUT}
+WALL, SHELF = (2.0, 0.0, 0.1, 1.0, 0.0), (1.0, 0.5, 0.1, 0.1, 0.0)
+
+
+def value(metric, *positions, **options):
+    (found,) = metric(trajectory(*positions, **options))
+    return found
+
+
+ENDINGS = ("success", "timeout", "collision", "moved_into_pedestrian", "run_into")
+ENDINGS = (*ENDINGS, "collision_wall", "collision_furniture")
+
+
+@pytest.mark.parametrize(
+    ("options", "holds"),
+    [
+        ({}, {"success"}),
+        (LATE, {"timeout"}),
+        (HIT, {"collision", "moved_into_pedestrian"}),
+        (RUN_INTO, {"collision", "run_into"}),
+        (STATIC, {"collision", "collision_wall"}),  # the shelf is farther
+        ({**STATIC, "boxes": [SHELF, WALL], "furniture": 1}, {"collision", "collision_furniture"}),
+        ({**STATIC, "boxes": []}, {"collision", "collision_wall"}),
+    ],
+)
+def test_how_it_ended_and_who_is_to_blame(options, holds):
+    options = {"boxes": [WALL, SHELF], "furniture": 1, **options}
+    # stops 0.1 m before the wall, or where the last box of the list stands
+    found = measure(trajectory(*along(0.0, 0.9, 1.7), **options))
+    assert {name for name in ENDINGS if found[name][0]} == holds
+
+
+def test_times_to_the_goal_are_those_of_successes():
+    assert value(metrics.time_to_goal, *along(0, 0.1, 0.2)) == pytest.approx(0.4)
+    assert np.isnan(value(metrics.time_to_goal, *along(0, 0.1, 0.2), **LATE))
+    assert value(metrics.duration, *along(0, 0.1, 0.2), **LATE) == pytest.approx(0.4)
+
+
+def test_path_length_is_the_way_driven():
+    corner = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.4), (0.3, 0.4)]
+    assert value(metrics.path_length, *corner) == pytest.approx(0.7)
+    back = along(0.0, 0.2, 0.0)
+    assert value(metrics.path_length, *back) == pytest.approx(0.4)
+
+
+def test_detours_and_failures_cost_spl():
+    detour = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.4)]  # 0.7 m instead of 0.5 m
+    straight = [(0.0, 0.0), (0.3, 0.4)]
+    assert value(metrics.spl, *detour, path=straight) == pytest.approx(0.5 / 0.7)
+    assert value(metrics.spl, *detour, path=straight, **HIT) == 0.0
+    # stopping short of the goal, within its radius, earns nothing extra
+    assert value(metrics.spl, *along(0.0, 0.4), path=along(0.0, 0.5)) == 1.0
+
+
+def test_waiting_costs_stl():
+    slow = along(0.0, 0.1, 0.1, 0.2)  # 0.6 s for what takes 0.2 s at 1 m/s
+    assert value(metrics.stl, *slow) == pytest.approx(1 / 3)
+    assert value(metrics.stl, *slow, **LATE) == 0.0
+    assert value(metrics.stl, *along(0.0, 0.3)) == 1.0
+
+
+def test_stalled_time_counts_slow_steps():
+    # 0.05 m/s is 0.01 m a step
+    assert value(metrics.stalled_time, *along(0, 0.1, 0.105, 0.105, 0.135)) == pytest.approx(0.4)
+
+
+def test_time_without_progress_counts_going_back_and_round_in_place():
+    # forward, back, forward over the same stretch, forward, aside
+    drive = [(0.0, 0.0), (0.2, 0.0), (0.1, 0.0), (0.2, 0.0), (0.4, 0.0), (0.4, 0.2)]
+    found = value(metrics.time_without_progress, *drive, path=along(0.0, 2.0), **LATE)
+    assert found == pytest.approx(3 * 0.2)
+    corner = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2)]  # away from the goal, but along the path
+    path = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.4), (-3.0, 0.4)]
+    assert value(metrics.time_without_progress, *corner, path=path, **LATE) == 0.0
+
+
+SPEEDS = along(0.0, 0.1, 0.3, 0.4, 0.4)  # 0.5, 1.0, 0.5, 0 m/s
+
+
+def test_speeds_and_their_differences():
+    found = {m.name: float(m.function(trajectory(*SPEEDS))[0]) for m in METRICS}
+    assert found["mean_speed_mps"] == pytest.approx(0.5)
+    assert found["max_speed_mps"] == pytest.approx(1.0)
+    # +2.5, -2.5, -2.5 m/s^2; -25, 0 m/s^3
+    assert found["mean_acceleration_mps2"] == pytest.approx(2.5)
+    assert found["max_acceleration_mps2"] == pytest.approx(2.5)
+    assert found["mean_jerk_mps3"] == pytest.approx(12.5)
+    assert found["max_jerk_mps3"] == pytest.approx(25.0)
+
+
+def test_a_step_cut_short_by_a_contact_is_no_braking():
+    found = measure(trajectory(*along(0.0, 0.2, 0.4, 0.45), **STATIC))
+    assert found["mean_speed_mps"] == pytest.approx(1.0)
+    assert found["max_acceleration_mps2"] == pytest.approx(0.0, abs=1e-9)
+    assert found["stalled_time_s"] == 0.0
+    assert found["path_length_m"] == pytest.approx(0.45)
+
+
+def test_what_an_episode_is_too_short_for_is_not_defined():
+    found = measure(trajectory(*along(0.0, 0.1), **STATIC))
+    for name in ("mean_speed_mps", "max_acceleration_mps2", "mean_jerk_mps3"):
+        assert np.isnan(found[name]), name
+
+
+def test_heading_changes_add_up_across_the_cut_at_pi():
+    yaw = [3.0, -3.0, -2.5, -3.0]
+    expected = (2 * np.pi - 6.0) + 0.5 + 0.5
+    assert value(metrics.cumulative_heading_change, *along(0, 0, 0, 0), yaw=yaw) == (
+        pytest.approx(expected)
+    )
+
+
+def test_distances_to_people_are_between_surfaces():
+    # 1.0, 0.6, 1.0 m off the nearer of two people, less radius 0.2 and half side 0.1
+    drive = {"people": [[standing(1.0, y)] for y in (0.0,)] + [[standing(9.0, 0.0)]]}
+    drive = {"people": [series * 3 for series in drive["people"]]}
+    xs = along(0.0, 0.4, 0.0)
+    assert value(metrics.min_pedestrian_distance, *xs, **drive) == pytest.approx(0.3)
+    assert value(metrics.mean_pedestrian_distance, *xs, **drive) == pytest.approx(1.7 / 3)
+    assert value(metrics.beyond_intimate, *xs, **drive) == pytest.approx(2 / 3)
+    assert value(metrics.beyond_personal, *xs, **drive) == 0.0
+    far = {"people": [[standing(3.0, 0.0)] * 3]}
+    assert value(metrics.beyond_personal, *xs, **far) == 1.0
+    assert value(metrics.min_pedestrian_distance, *xs, **{**far, **RUN_INTO}) == 0.0
+
+
+def test_nobody_is_infinitely_far():
+    alone = measure(trajectory(*along(0.0, 0.1)))
+    assert alone["min_pedestrian_distance_m"] == np.inf
+    assert alone["mean_pedestrian_distance_m"] == np.inf
+    assert alone["min_time_to_collision_s"] == np.inf
+    assert alone["beyond_0.45m_share"] == 1.0
+
+
+def test_time_to_collision_on_a_collision_course():
+    # closing at 1.0 + 0.5 m/s from 3.0 m; bodies reach 0.2 + 0.1 m
+    walker = [standing(3.1, 0.0), standing(3.0, 0.0)]
+    found = value(metrics.min_time_to_collision, *along(-0.2, 0.0), people=[walker], **LATE)
+    assert found == pytest.approx((3.0 - 0.3) / 1.5)
+
+
+def test_passing_or_parting_is_no_collision_course():
+    aside = [standing(3.1, 0.4), standing(3.0, 0.4)]  # passes at 0.4 m, bodies reach 0.3 m
+    parting = [standing(3.0, 0.0), standing(3.3, 0.0)]
+    grazing = [standing(3.1, 0.2), standing(3.0, 0.2)]  # 3.0 - sqrt(0.3^2 - 0.2^2) m to go
+    for walker, expected in (
+        (aside, np.inf),
+        (parting, np.inf),
+        (grazing, (3.0 - 0.05**0.5) / 1.5),
+    ):
+        found = value(metrics.min_time_to_collision, *along(-0.2, 0.0), people=[walker], **LATE)
+        assert found == pytest.approx(expected)
+
+
+def test_a_contact_ends_the_time_to_collision():
+    people = [[standing(1.0, 0.0)] * 2]
+    assert value(metrics.min_time_to_collision, *along(0.5, 0.7), people=people, **HIT) == 0.0
+
+
+def test_padding_changes_no_bit():
+    rng = np.random.default_rng(0)
+    drive = rng.uniform(0, 0.2, (14, 2)).cumsum(axis=0)
+    walker = np.column_stack([rng.uniform(0, 3, (14, 2)), np.full((14, 3), 0.1)])
+    alone, padded = (trajectory(*drive, people=[walker], padding=p) for p in (0, 40))
+    for name, found in measure(alone).items():
+        assert np.array_equal(found, measure(padded)[name], equal_nan=True), name
+
+
+def test_every_metric_says_what_it_is():
+    for metric in METRICS:
+        text = metric.function.__doc__
+        assert "Reference:" in text and text.startswith("Return ``[E]``"), metric.name
+        if metric.unit != "1":
+            assert f" {metric.unit}" in text, metric.name
+
+
+def test_latency_by_hand():
+    found = metrics.controller_latency([0.001, 0.002, 0.003, 0.010])
+    assert found["mean_ms"] == pytest.approx(4.0)
+    assert found["median_ms"] == pytest.approx(2.5)
+    assert found["max_ms"] == pytest.approx(10.0)
+    assert found["p95_ms"] == pytest.approx(3 + 0.85 * 7)
+    assert found["calls"] == 4
+    with pytest.raises(ValueError, match="decision_s"):
+        metrics.controller_latency([])
+
+
+def test_bad_shapes_are_named():
+    good = trajectory(*along(0.0, 0.1))
+    values = {name: getattr(good, name) for name in good.__dataclass_fields__}
+    with pytest.raises(ValueError, match="contact"):
+        metrics.Trajectory(**{**values, "contact": np.zeros(2)})
+    with pytest.raises(ValueError, match="num_steps"):
+        metrics.Trajectory(**{**values, "num_steps": np.array([2])})
