@@ -1,8 +1,10 @@
 """Worlds as data: scenarios, their generators and named sets of them. No physics."""
 
 from navrl.worlds.batch import KINDS, ScenarioBatch, pedestrian_boxes
+from navrl.worlds.cards import CardSet
 from navrl.worlds.corridor import Corridor
 from navrl.worlds.distribution import ScenarioDistribution, WeightedWorld
+from navrl.worlds.frozen import FrozenEpisodes, FrozenSuiteError, frozen_episodes, frozen_names
 from navrl.worlds.intersection import Intersection
 from navrl.worlds.layout import Layout, World
 from navrl.worlds.office import Office
@@ -14,7 +16,10 @@ __all__ = [
     "KINDS",
     "MAX_PATH_POINTS",
     "MAX_ROUTE_POINTS",
+    "CardSet",
     "Corridor",
+    "FrozenEpisodes",
+    "FrozenSuiteError",
     "Intersection",
     "Layout",
     "Office",
@@ -26,5 +31,7 @@ __all__ = [
     "Suite",
     "WeightedWorld",
     "World",
+    "frozen_episodes",
+    "frozen_names",
     "pedestrian_boxes",
 ]

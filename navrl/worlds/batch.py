@@ -11,7 +11,11 @@ from torch import Tensor
 
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
 
-KINDS = ("corridor", "intersection", "office", "other")
+KINDS = (
+    *("corridor", "intersection", "office", "other"),
+    *("frontal_approach", "overtaking", "crossing", "blind_corner", "narrow_doorway"),
+    *("narrow_hallway", "obstructed_doorway", "circular_crossing"),
+)
 
 
 @dataclass(frozen=True)

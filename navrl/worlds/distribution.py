@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navrl.worlds.layout import Layout, World
+from navrl.worlds.layout import World
 from navrl.worlds.pedestrians import PedestrianPlacer
-from navrl.worlds.planner import Grid, NoPathError, resample, smooth
-from navrl.worlds.scenario import MAX_PATH_POINTS, Pedestrian, Scenario
+from navrl.worlds.planner import Grid, NoPathError, plan, start_pose
+from navrl.worlds.scenario import Pedestrian, Scenario
 
 _TRIES = 50
-_INFLATIONS = (0.4, 0.3, 0.25)  # m, the widest that still connects start and goal is taken
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,8 @@ class ScenarioDistribution:
         half_size: m, half sides of every pedestrian's cuboid.
         has_walls: Whether walls stay after all has been planned with them (the paper's open-space
             test removes them).
+        keep_dynamic: Dynamic pedestrians that stay of those placed, ``None`` for all. Distributions
+            that differ only here share everything else, static pedestrians too.
 
     Raises:
         ValueError: If a range is not ordered, a count negative or broken, a speed or size not
@@ -53,6 +54,7 @@ class ScenarioDistribution:
         speed: Sequence[float] = (0.5, 1.0),
         half_size: Sequence[float] = (0.15, 0.15),
         has_walls: bool = True,
+        keep_dynamic: int | None = None,
     ) -> None:
         ranges = {"num_dynamic": num_dynamic, "num_static": num_static, "speed": speed}
         for name, bounds in ranges.items():
@@ -72,7 +74,12 @@ class ScenarioDistribution:
         self._shares = weights / weights.sum()
         self.num_dynamic, self.num_static = tuple(num_dynamic), tuple(num_static)
         self.speed, self.half_size = tuple(speed), tuple(half_size)
-        self.has_walls = has_walls
+        if keep_dynamic is not None and not 0 <= keep_dynamic <= num_dynamic[0]:
+            raise ValueError(
+                f"keep_dynamic={keep_dynamic}: need 0 <= keep_dynamic <= {num_dynamic[0]}, the "
+                "least of num_dynamic"
+            )
+        self.has_walls, self.keep_dynamic = has_walls, keep_dynamic
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return scenario ``index``; the same arguments always give the same one.
@@ -94,19 +101,18 @@ class ScenarioDistribution:
         world = items[generator.choice(len(items), p=self._shares)].world
         layout = world.layout(generator)
         grid = Grid(layout.boxes, layout.extent, layout.start)
-        path, inflation = _plan(grid, layout)
+        path, inflation = plan(grid, layout.start, layout.goal)
         people = self._people(
             generator,
             PedestrianPlacer(generator, grid, path, min(inflation, 0.3), half_size=self.half_size),
         )
-        ahead = path[min(3, len(path) - 1)] - path[0]
         return Scenario(
             suite=suite,
             seed=seed,
             index=index,
             kind=world.kind,
             boxes=layout.boxes if self.has_walls else np.zeros((0, 5)),
-            start=np.array([*path[0], np.arctan2(ahead[1], ahead[0])]),
+            start=start_pose(path),
             goal=path[-1].copy(),
             path=path,
             pedestrians=people,
@@ -121,16 +127,5 @@ class ScenarioDistribution:
         dynamic = [
             placer.dynamic(k, float(generator.uniform(*self.speed))) for k in range(num_dynamic)
         ]
-        return (*dynamic, *(placer.static() for _ in range(num_static)))
-
-
-def _plan(grid: Grid, layout: Layout) -> tuple[np.ndarray, float]:
-    """Return the smoothed path ``[P, 2]`` m and the inflation it was found at."""
-    for inflation in _INFLATIONS:
-        field = grid.field(layout.goal, inflation)
-        if field.reaches(layout.start):
-            path = smooth(field.route(layout.start), grid, max(inflation - 0.1, 0.2))
-            if len(path) > MAX_PATH_POINTS:
-                path = resample(path, 0.1 * len(path) / MAX_PATH_POINTS)
-            return path[:MAX_PATH_POINTS], inflation
-    raise NoPathError("start and goal are not connected")
+        static = [placer.static() for _ in range(num_static)]
+        return (*dynamic[: self.keep_dynamic], *static)

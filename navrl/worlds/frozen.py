@@ -1,0 +1,144 @@
+"""Episodes that a name and a version stand for, for ever: known by their hashes."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from navrl.worlds.scenario import Scenario
+
+FROZEN = Path(__file__).parent / "frozen"
+"""One JSON file a name, written by ``navrl-suites freeze``."""
+
+_DIGITS = 4  # hexadecimal, of each single episode's hash
+
+
+class FrozenSuiteError(ValueError):
+    """A suite's episodes are not those that were frozen under its name and version."""
+
+
+@dataclass(frozen=True)
+class FrozenEpisodes:
+    """What the package knows about a suite's episodes.
+
+    Args:
+        name: Of the suite.
+        version: Goes up whenever an episode changes.
+        sha256: Hash of the first n episodes, by n; the largest n is the number of all.
+        digests: The first digits of each single episode's hash, so that a part can be checked.
+    """
+
+    name: str
+    version: int
+    sha256: dict[int, str] = field(repr=False)
+    digests: tuple[str, ...] = field(repr=False)
+
+    @classmethod
+    def of(
+        cls, name: str, version: int, scenarios: Sequence[Scenario], lengths: Sequence[int] = ()
+    ) -> FrozenEpisodes:
+        """Freeze ``scenarios``; ``lengths`` are those of parts that have a hash of their own."""
+        wanted = sorted({*lengths, len(scenarios)})
+        hashes = {length: episodes_hash(scenarios[:length]) for length in wanted}
+        return cls(name, version, hashes, tuple(map(_digest, scenarios)))
+
+    def check(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """Compare generated episodes with the frozen ones.
+
+        Args:
+            indices: Their numbers.
+            scenarios: The episodes.
+
+        Raises:
+            FrozenSuiteError: If one differs or is beyond the last, naming the suite, what was
+                expected and what was found.
+        """
+        whose = f"suite {self.name}, version {self.version}"
+        if max(indices, default=0) >= len(self.digests):
+            raise FrozenSuiteError(
+                f"{whose}: has {len(self.digests)} episodes, episode {max(indices)} is not "
+                "frozen; suite.version=null plays it unchecked"
+            )
+        is_first_part = list(indices) == list(range(len(scenarios)))
+        if is_first_part and len(scenarios) in self.sha256:
+            want, got = self.sha256[len(scenarios)], episodes_hash(scenarios)
+        else:
+            want = ",".join(self.digests[index] for index in indices)
+            got = ",".join(map(_digest, scenarios))
+        if want == got:
+            return
+        pairs = zip(indices, scenarios, strict=True)
+        different = [index for index, one in pairs if self.digests[index] != _digest(one)]
+        raise FrozenSuiteError(
+            f"{whose}: these are not the frozen episodes, expected {_short(want)}, found "
+            f"{_short(got)}; {len(different)} of {len(scenarios)} differ: {_short(str(different))}; "
+            "a suite of other episodes needs another suite.name and suite.version=null"
+        )
+
+    def save(self, folder: Path = FROZEN) -> Path:
+        """Write ``<name>.json``."""
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / f"{self.name}.json"
+        plain = {
+            "name": self.name,
+            "version": self.version,
+            "sha256": {str(length): value for length, value in self.sha256.items()},
+            "digests": "".join(self.digests),
+        }
+        file.write_text(json.dumps(plain, indent=1) + "\n")
+        return file
+
+    @classmethod
+    def load(cls, file: Path) -> FrozenEpisodes:
+        """Read what :meth:`save` wrote."""
+        plain = json.loads(file.read_text())
+        text = plain["digests"]
+        digests = tuple(text[k : k + _DIGITS] for k in range(0, len(text), _DIGITS))
+        hashes = {int(length): value for length, value in plain["sha256"].items()}
+        return cls(plain["name"], plain["version"], hashes, digests)
+
+
+@functools.cache
+def frozen_episodes(name: str, version: int) -> FrozenEpisodes:
+    """Return what is frozen under ``name`` and ``version``.
+
+    Raises:
+        FrozenSuiteError: If nothing is, or under another version.
+    """
+    file = FROZEN / f"{name}.json"
+    if not file.is_file():
+        raise FrozenSuiteError(
+            f"suite {name}, version {version}: nothing is frozen under this name; "
+            f"suite.version=null plays it unchecked; names are {', '.join(frozen_names())}"
+        )
+    frozen = FrozenEpisodes.load(file)
+    if frozen.version != version:
+        raise FrozenSuiteError(
+            f"suite {name}: expected version {frozen.version}, found version {version}"
+        )
+    return frozen
+
+
+def frozen_names() -> list[str]:
+    """Return the names under which episodes are frozen."""
+    return sorted(file.stem for file in FROZEN.glob("*.json"))
+
+
+def episodes_hash(scenarios: Sequence[Scenario]) -> str:
+    """Return the SHA-256 of all scenarios' canonical JSON, as hexadecimal digits."""
+    digest = hashlib.sha256()
+    for scenario in scenarios:
+        digest.update(scenario.to_json().encode() + b"\n")
+    return digest.hexdigest()
+
+
+def _digest(scenario: Scenario) -> str:
+    return hashlib.sha256(scenario.to_json().encode()).hexdigest()[:_DIGITS]
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 64 else f"{text[:61]}..."
