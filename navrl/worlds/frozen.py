@@ -75,7 +75,8 @@ class FrozenEpisodes:
         different = [index for index, one in pairs if self.digests[index] != _digest(one)]
         raise FrozenSuiteError(
             f"{whose}: these are not the frozen episodes, expected {_short(want)}, found "
-            f"{_short(got)}; {len(different)} of {len(scenarios)} differ: {_short(str(different))}; "
+            f"{_short(got)}; {len(different)} of {len(scenarios)} differ: "
+            f"{_short(str(different))}; "
             "a suite of other episodes needs another suite.name and suite.version=null"
         )
 
