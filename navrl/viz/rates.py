@@ -120,7 +120,7 @@ def _setting(evaluation: Evaluation) -> tuple[int, float] | None:
     if match is not None:
         value = float(match[2].replace("_", "."))
         return (_TABLE[0], value) if match[1] == "speed" else (int(value), _TABLE[1])
-    if name != "table1":
+    if name not in ("table1", "table1_200"):
         return None
     return _configured_setting(evaluation.folder / "config.yaml") or _TABLE
 

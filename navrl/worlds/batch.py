@@ -9,9 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from navrl.worlds.cards import CARDS
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
 
-KINDS = ("corridor", "intersection", "office", "other")
+KINDS = ("corridor", "intersection", "office", "other", *CARDS)
+"""Kinds of worlds that a batch can tell apart; another one becomes ``other``."""
 
 
 @dataclass(frozen=True)

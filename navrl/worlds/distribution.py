@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navrl.worlds.layout import Layout, World
+from navrl.worlds.layout import World
 from navrl.worlds.pedestrians import PedestrianPlacer
-from navrl.worlds.planner import Grid, NoPathError, resample, smooth
-from navrl.worlds.scenario import MAX_PATH_POINTS, Pedestrian, Scenario
+from navrl.worlds.planner import Grid, NoPathError, plan_path, start_pose
+from navrl.worlds.scenario import Pedestrian, Scenario
 
 _TRIES = 50
-_INFLATIONS = (0.4, 0.3, 0.25)  # m, the widest that still connects start and goal is taken
 
 
 @dataclass(frozen=True)
@@ -94,19 +93,18 @@ class ScenarioDistribution:
         world = items[generator.choice(len(items), p=self._shares)].world
         layout = world.layout(generator)
         grid = Grid(layout.boxes, layout.extent, layout.start)
-        path, inflation = _plan(grid, layout)
+        path, inflation = plan_path(grid, layout.start, layout.goal)
         people = self._people(
             generator,
             PedestrianPlacer(generator, grid, path, min(inflation, 0.3), half_size=self.half_size),
         )
-        ahead = path[min(3, len(path) - 1)] - path[0]
         return Scenario(
             suite=suite,
             seed=seed,
             index=index,
             kind=world.kind,
             boxes=layout.boxes if self.has_walls else np.zeros((0, 5)),
-            start=np.array([*path[0], np.arctan2(ahead[1], ahead[0])]),
+            start=start_pose(path),
             goal=path[-1].copy(),
             path=path,
             pedestrians=people,
@@ -122,15 +120,3 @@ class ScenarioDistribution:
             placer.dynamic(k, float(generator.uniform(*self.speed))) for k in range(num_dynamic)
         ]
         return (*dynamic, *(placer.static() for _ in range(num_static)))
-
-
-def _plan(grid: Grid, layout: Layout) -> tuple[np.ndarray, float]:
-    """Return the smoothed path ``[P, 2]`` m and the inflation it was found at."""
-    for inflation in _INFLATIONS:
-        field = grid.field(layout.goal, inflation)
-        if field.reaches(layout.start):
-            path = smooth(field.route(layout.start), grid, max(inflation - 0.1, 0.2))
-            if len(path) > MAX_PATH_POINTS:
-                path = resample(path, 0.1 * len(path) / MAX_PATH_POINTS)
-            return path[:MAX_PATH_POINTS], inflation
-    raise NoPathError("start and goal are not connected")

@@ -6,7 +6,10 @@ import numpy as np
 from skimage.graph import MCP_Geometric
 from skimage.measure import label
 
+from navrl.worlds.scenario import MAX_PATH_POINTS
+
 _SPACING = 0.1  # m between points of a finished path
+_INFLATIONS = (0.4, 0.3, 0.25)  # m, the widest that still connects start and goal is taken
 
 
 class NoPathError(ValueError):
@@ -169,3 +172,25 @@ def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8
                 return resample(rounded)
         window /= 2
     return dense
+
+
+def plan_path(grid: Grid, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the smoothed path ``[P, 2]`` m and the inflation in m that it was found at.
+
+    Raises:
+        NoPathError: If start and goal are not connected.
+    """
+    for inflation in _INFLATIONS:
+        field = grid.field(goal, inflation)
+        if field.reaches(start):
+            path = smooth(field.route(start), grid, max(inflation - 0.1, 0.2))
+            if len(path) > MAX_PATH_POINTS:
+                path = resample(path, 0.1 * len(path) / MAX_PATH_POINTS)
+            return path[:MAX_PATH_POINTS], inflation
+    raise NoPathError("start and goal are not connected")
+
+
+def start_pose(path: np.ndarray) -> np.ndarray:
+    """Return the pose ``[3]`` at a path's first point that faces along it."""
+    ahead = path[min(3, len(path) - 1)] - path[0]
+    return np.array([*path[0], np.arctan2(ahead[1], ahead[0])])
