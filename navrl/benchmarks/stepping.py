@@ -11,6 +11,7 @@ from torchrl.envs import TransformedEnv
 from navrl import keys
 from navrl.benchmarks.measurement import Budget, Task, alternate
 from navrl.benchmarks.results import Bar, Row, Series
+from navrl.ops.kernels.threads import torch_on_one_thread
 
 MakeEnv = Callable[[int], TransformedEnv]
 """From a number of worlds to an environment with all of its transforms."""
@@ -37,7 +38,8 @@ class RandomDrive:
         """Step all worlds once; return how many."""
         self.carrier.set(keys.ACTION, self._actions[self._count % _NUM_ACTIONS])
         self._count += 1
-        _, self.carrier = self.env.step_and_maybe_reset(self.carrier)
+        with torch_on_one_thread():  # as trainings and evaluations do
+            _, self.carrier = self.env.step_and_maybe_reset(self.carrier)
         return self.env.batch_size.numel()
 
 

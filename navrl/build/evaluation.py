@@ -18,7 +18,7 @@ from navrl.evaluation import evaluate, summarize, write_results
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.progress_bar import progress_bar
-from navrl.worlds import ScenarioBatch, check_frozen
+from navrl.worlds import ScenarioBatch
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,6 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     contender = make_contender(cfg)
     suite = instantiate(cfg.suite)
     scenarios = suite.scenarios(num_workers=num_threads(cfg))
-    suite_hash, version = check_frozen(suite, scenarios)
     with progress_bar(len(scenarios), "episode", enabled=cfg.progress_bar) as bar:
         records = evaluate(
             contender.env, contender.policy, ScenarioBatch.pack(scenarios), on_chunk=bar.update
@@ -121,9 +120,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         records,
         policy=contender.name,
         suite=suite.name,
-        suite_hash=suite_hash,
-        suite_version=version,
-        suite_seed=suite.seed,
+        suite_hash=suite.hash(scenarios),
         simulator=cfg.simulator["_target_"].rpartition(".")[2],
     )
     if cfg.change:

@@ -9,7 +9,9 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 _FILE = "config.yaml"
-_HARMLESS = ("num_threads", "progress_bar", "resume")  # change no result
+_HARMLESS = ("num_threads", "num_processes", "progress_bar", "recordings", "resume")  # change no
+# result, nor does what checks one:
+_CHECKS = ("suite.version",)
 
 
 def claim_folder(cfg: DictConfig, folder: Path) -> None:
@@ -45,7 +47,11 @@ def flat_values(cfg: DictConfig) -> dict[str, Any]:
 
 
 def _differences(there: dict[str, Any], here: dict[str, Any]) -> list[str]:
-    names = [name for name in {**there, **here} if name.split(".")[0] not in _HARMLESS]
+    names = [
+        name
+        for name in {**there, **here}
+        if name.split(".")[0] not in _HARMLESS and name not in _CHECKS
+    ]
     return [
         f"{name} is {there.get(name, 'missing')} there and {here.get(name, 'missing')} here"
         for name in names

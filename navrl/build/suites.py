@@ -1,65 +1,100 @@
-"""Every frozen suite, generated and held to the lock."""
+"""The suites that are frozen: which there are, and what freezes and checks them."""
 
 from __future__ import annotations
 
+import copy
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from omegaconf import DictConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
 
-from navrl.build.environment import num_threads
 from navrl.config import CONF_DIR, compose, instantiate
-from navrl.worlds.frozen import FrozenSuite, read_lock, write_lock
-
-NOT_FROZEN = ("smoke",)
-"""Suites of ``conf/suite`` that may change at any time."""
+from navrl.worlds import FrozenEpisodes, Suite
+from navrl.worlds.frozen import FROZEN, frozen_episodes
 
 
 @dataclass(frozen=True)
-class SuiteStatus:
-    """How a suite stands to the lock.
+class FrozenSuite:
+    """A suite whose episodes are frozen, and the words that choose it.
 
     Args:
-        name: Of ``conf/suite``.
-        found: What is generated now; the version is the one that it has or would get.
-        status: ``frozen``, ``new`` or ``changed``.
+        overrides: Of ``navrl-evaluate``, e.g. ``("suite=table1",)``.
+        suite: The same, built.
     """
 
-    name: str
-    found: FrozenSuite
-    status: str
+    overrides: tuple[str, ...]
+    suite: Suite
 
 
-def suite_names() -> list[str]:
-    """Return the names of all suites that are to be frozen."""
-    names = sorted(path.stem for path in (CONF_DIR / "suite").glob("*.yaml"))
-    return [name for name in names if name not in NOT_FROZEN]
-
-
-def check_suites(cfg: DictConfig) -> Iterator[SuiteStatus]:
-    """Generate suites one by one and compare them with the lock; write it if ``cfg.write``.
+def frozen_suites(names: list[str] | None = None) -> list[FrozenSuite]:
+    """Return every frozen suite: those of ``conf/suite`` and each level of the sweeps over them.
 
     Args:
-        cfg: A composed ``conf/suites.yaml``.
-
-    Yields:
-        How each stands.
+        names: Only these; all if empty or ``None``.
 
     Raises:
-        ValueError: If a suite's name differs from its file's, which would hide it from the lock.
+        ValueError: If there is none of a name.
     """
-    names: Sequence[str] = suite_names() if cfg.suites is None else list(cfg.suites)
-    lock = read_lock()
-    for name in names:
-        suite = instantiate(compose("evaluate", [f"suite={name}"]).suite)
-        if suite.name != name:
-            raise ValueError(f"conf/suite/{name}.yaml: need name: {name}, got {suite.name}")
-        sha256 = suite.hash(suite.scenarios(num_workers=num_threads(cfg)))
-        known = lock.get(name)
-        same = known is not None and (known.episodes, known.sha256) == (suite.num_episodes, sha256)
-        version = 1 if known is None else known.version + (not same)
-        found = FrozenSuite(version, suite.num_episodes, sha256)
-        lock[name] = found
-        yield SuiteStatus(name, found, "frozen" if same else "changed" if known else "new")
-    if cfg.write:
-        write_lock(lock)
+    found: dict[str, FrozenSuite] = {}
+    for overrides in _choices():
+        suite = instantiate(compose("evaluate", list(overrides)).suite)
+        known = found.get(suite.name)
+        longer = known is None or suite.num_episodes > known.suite.num_episodes
+        if suite.version is not None and longer:  # table1 stands for its first 200 too
+            found[suite.name] = FrozenSuite(tuple(overrides), suite)
+    unknown = sorted(set(names or ()) - found.keys())
+    if unknown:
+        raise ValueError(f"names={unknown}: no such suite; there are {', '.join(sorted(found))}")
+    return [found[name] for name in sorted(names or found)]
+
+
+def check_frozen(entry: FrozenSuite, num_workers: int = 1) -> None:
+    """Generate a suite's episodes anew and compare them with the frozen ones.
+
+    Raises:
+        FrozenSuiteError: If they differ.
+    """
+    entry.suite.scenarios(num_workers=num_workers)
+
+
+def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
+    """Freeze a suite under its version; what is frozen already is compared, never replaced.
+
+    Returns:
+        Whether it was written, ``False`` if it was frozen before.
+
+    Raises:
+        FrozenSuiteError: If its version is frozen with other episodes: raise the version in
+            ``conf/suite`` first.
+    """
+    suite = entry.suite
+    file = FROZEN / f"{suite.name}.json"
+    if file.is_file() and FrozenEpisodes.load(file).version == suite.version:
+        check_frozen(entry, num_workers)
+        return False
+    unchecked = copy.copy(suite)
+    unchecked.version = None
+    scenarios = unchecked.scenarios(num_workers=num_workers)
+    lengths = [200] if len(scenarios) > 200 else []  # table1_200 has a hash of its own
+    FrozenEpisodes.of(suite.name, suite.version, scenarios, lengths).save()
+    frozen_episodes.cache_clear()
+    return True
+
+
+def _choices() -> Iterator[Sequence[str]]:
+    for file in sorted((CONF_DIR / "suite").glob("*.yaml")):
+        yield [f"suite={file.stem}"]
+    for file in sorted((CONF_DIR / "sweep").glob("*.yaml")):
+        params = dict(OmegaConf.load(file).hydra.sweeper.params)
+        levels = {key: value for key, value in params.items() if key.split(".")[0] == "suite"}
+        if levels:
+            yield from itertools.product(*(_values(k, v) for k, v in levels.items()))
+
+
+def _values(key: str, value: object) -> list[str]:
+    override = OverridesParser.create().parse_override(f"{key}={value}")
+    if not override.is_sweep_override():
+        return [f"{key}={value}"]
+    return [f"{key}={level}" for level in override.sweep_string_iterator()]

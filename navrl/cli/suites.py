@@ -1,32 +1,58 @@
-"""``navrl-suites``: generate the frozen suites and hold them to their hashes."""
+"""``navrl-suites``: list, check and freeze the sets of episodes that scores are reported on."""
 
 from __future__ import annotations
 
-from omegaconf import DictConfig
+import argparse
+import os
+import sys
 
-from navrl.build.suites import check_suites
-from navrl.config import hydra_main
+from navrl.build.suites import check_frozen, freeze, frozen_suites
+from navrl.worlds import FrozenSuiteError, frozen_episodes
 
 
-@hydra_main("suites")
-def main(cfg: DictConfig) -> None:
-    """Print how each suite stands.
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; return its exit status.
 
-    Raises:
-        ValueError: If one is not as frozen and the lock is not to be written.
+    Args:
+        arguments: Of the command line; this process's own if ``None``.
     """
-    wrong = []
-    for suite in check_suites(cfg):
-        found = suite.found
-        print(
-            f"{suite.name:18} version {found.version}  {found.episodes:5,} episodes  "
-            f"{found.sha256}  {suite.status}",
-            flush=True,
-        )
-        wrong += [suite.name] if suite.status != "frozen" else []
-    if wrong and not cfg.write:
-        raise ValueError(f"not as frozen: {', '.join(wrong)}; write=true puts them into the lock")
+    parser = argparse.ArgumentParser("navrl-suites", description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "action",
+        nargs="?",
+        default="list",
+        choices=["list", "check", "freeze"],
+        help="show the suites and their hashes; generate all episodes anew and compare them; "
+        "or freeze what is not frozen yet (default: list)",
+    )
+    parser.add_argument("names", nargs="*", help="of suites, as listed; all if there is none")
+    parser.add_argument("--num-workers", type=int, default=os.cpu_count() or 1, help="processes")
+    options = parser.parse_args(arguments)
+    try:
+        entries = frozen_suites(options.names)
+        return max([_act(options.action, entry, options.num_workers) for entry in entries])
+    except ValueError as error:
+        print(f"navrl: {error}", file=sys.stderr)
+        return 2
+
+
+def _act(action: str, entry, num_workers: int) -> int:
+    """Do one suite; return 1 if it is not what was frozen."""
+    suite, told = entry.suite, ""
+    try:
+        if action == "check":
+            check_frozen(entry, num_workers)
+            told = "unchanged"
+        elif action == "freeze":
+            told = "frozen" if freeze(entry, num_workers) else "unchanged"
+        digest = frozen_episodes(suite.name, suite.version).sha256[suite.num_episodes]
+    except FrozenSuiteError as error:
+        print(f"navrl: {error}", file=sys.stderr)
+        return 1
+    words = " ".join(entry.overrides)
+    print(f"{suite.name:24} v{suite.version} {suite.num_episodes:5} {digest[:16]} {told:9} {words}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

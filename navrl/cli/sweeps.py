@@ -20,20 +20,13 @@ from navrl.policies import zoo_names
 
 log = logging.getLogger(__name__)
 
-SUITE_SWEEPS = {  # Table I is where the paper's two sweeps meet: 2 who walk, at 0.6 m/s
-    "speed_sweep": ("speed_0.2", "speed_0.4", "table1", "speed_0.8", "speed_1.0"),
-    "density_sweep": ("density_1", "table1", "density_4", "density_6", "density_8"),
-}
-"""Suites that a word after ``suite=`` stands for, in the order of what is swept."""
-
 _NEEDS = {"orca": "pyrvo"}  # controllers with an optional dependency
 
 
 class ExpandPolicies(Callback):
     """Let ``policy=all`` (or ``zoo``, or ``controllers``) stand for what there is.
 
-    The word may be one of several: ``policy=zoo,pure_pursuit,outputs/train/mine``. In the same way
-    ``suite=speed_sweep`` stands for its suites.
+    The word may be one of several: ``policy=zoo,pure_pursuit,outputs/train/mine``.
     """
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
@@ -92,16 +85,13 @@ def expand_policies(names: list[str]) -> list[str]:
     return list(dict.fromkeys(expanded))
 
 
-def expand_suites(names: list[str]) -> list[str]:
-    """Return ``names`` with ``speed_sweep`` and ``density_sweep`` replaced by their suites."""
-    expanded = [suite for name in names for suite in SUITE_SWEEPS.get(name, [name])]
-    return list(dict.fromkeys(expanded))
-
-
 def _expanded(override: str) -> str:
     key, equals, value = override.partition("=")
-    expand = {"policy": expand_policies, "suite": expand_suites}.get(key)
-    return override if expand is None else f"{key}{equals}{','.join(expand(value.split(',')))}"
+    return (
+        f"{key}{equals}{','.join(expand_policies(value.split(',')))}"
+        if key == "policy"
+        else override
+    )
 
 
 def _controllers() -> list[str]:

@@ -48,14 +48,7 @@ def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
 
 
 def summarize(
-    records: Sequence[EpisodeRecord],
-    *,
-    policy: str,
-    suite: str,
-    suite_hash: str,
-    simulator: str,
-    suite_version: int | None = None,
-    suite_seed: int | None = None,
+    records: Sequence[EpisodeRecord], *, policy: str, suite: str, suite_hash: str, simulator: str
 ) -> dict:
     """Count outcomes and average the times of successes.
 
@@ -65,8 +58,6 @@ def summarize(
         suite: Name.
         suite_hash: Of its scenarios.
         simulator: Name.
-        suite_version: Of a frozen suite; ``None`` of one that is not.
-        suite_seed: That its scenarios were drawn with.
 
     Returns:
         Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval;
@@ -85,8 +76,6 @@ def summarize(
         "policy": policy,
         "suite": suite,
         "suite_hash": suite_hash,
-        "suite_version": suite_version,
-        "suite_seed": suite_seed,
         "simulator": simulator,
         **_rates(records),
         "metrics": summarize_metrics(records),

@@ -18,6 +18,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 from navrl import keys
 from navrl.envs import Outcome
 from navrl.evaluation.metrics import Trajectory, measure
+from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.sim import Contact
 from navrl.worlds import KINDS, ScenarioBatch
 
@@ -201,10 +202,13 @@ def _play(
     env.base_env.set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
-        carrier = env.reset()
+        with torch_on_one_thread():
+            carrier = env.reset()
         series = _Series(carrier)
         while bool(series.running.any()):
-            stepped = env.step(policy(carrier))
+            decided = policy(carrier)
+            with torch_on_one_thread():
+                stepped = env.step(decided)
             if on_step is not None:
                 on_step(stepped)
             series.add(stepped)

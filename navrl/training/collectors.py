@@ -12,6 +12,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import TransformedEnv
 
+from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.training.behaviour import Behaviour
 
 MakeEnv = Callable[[int], TransformedEnv]
@@ -108,7 +109,7 @@ class DirectCollector:
         with torch.no_grad():
             with phases("act"):
                 self.behaviour.act(self._carrier, frames)
-            with phases("environment"):
+            with phases("environment"), torch_on_one_thread():
                 stepped, self._carrier = self.env.step_and_maybe_reset(self._carrier)
         return 0, stepped
 

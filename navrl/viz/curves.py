@@ -25,12 +25,12 @@ class _Panel:
     title: str
     unit: str
     evaluated: str | None  # column of the evaluations, drawn with marks
-    trained: Callable[[_Log], Series]  # drawn thin where there are evaluations too
+    trained: Callable[[TrainingLog], Series]  # drawn thin where there are evaluations too
     is_rate: bool = False
     is_level: bool = False  # jumps, and a mean of runs is no level
 
 
-class _Log:
+class TrainingLog:
     """The columns of a ``metrics.csv``; a cell that was not logged is left out."""
 
     def __init__(self, file: Path) -> None:
@@ -87,9 +87,9 @@ def plot_curves(
     labels = [file.resolve().parent.name for file in files] if labels is None else list(labels)
     if not files or len(labels) != len(files):
         raise ValueError(f"need one label a log and at least one: {len(labels)}, {len(files)}")
-    groups: dict[str, list[_Log]] = {}
+    groups: dict[str, list[TrainingLog]] = {}
     for label, file in zip(labels, files, strict=True):
-        groups.setdefault(label, []).append(_Log(file))
+        groups.setdefault(label, []).append(TrainingLog(file))
     with style():
         figure = Figure((11.0, 5.2), layout="constrained")
         for axes, panel in zip(figure.subplots(2, 4).flat, _PANELS, strict=True):
@@ -130,7 +130,7 @@ _PANELS = (
 )
 
 
-def _draw(axes: Axes, panel: _Panel, logs: Sequence[_Log], label: str, color: str) -> None:
+def _draw(axes: Axes, panel: _Panel, logs: Sequence[TrainingLog], label: str, color: str) -> None:
     trained = [panel.trained(log) for log in logs]
     if panel.is_level:
         for series in trained:
@@ -181,7 +181,7 @@ def _finish(axes: Axes, panel: _Panel) -> None:
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _add_key(figure: Figure, groups: dict[str, list[_Log]]) -> None:
+def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]]) -> None:
     handles = []
     for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True):
         seeds = "" if len(logs) == 1 else f" (mean of {len(logs)} seeds)"

@@ -36,7 +36,7 @@ def save_failures(recordings: Sequence[Recording], file: str | Path, limit: int 
     if not failed:
         raise ValueError(f"recordings: none of {len(recordings)} failed, there is nothing to show")
     shown = failed[:limit]
-    columns = min(4, math.ceil(math.sqrt(len(shown))))
+    columns = len(shown) if len(shown) <= 4 else min(4, math.ceil(math.sqrt(len(shown))))
     rows = -(-len(shown) // columns)
     with style():
         figure = Figure((max(3.0 * columns, 6.0), 3.2 * rows + 0.9), layout="constrained")

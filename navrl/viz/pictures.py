@@ -9,8 +9,8 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from navrl.evaluation.comparison import find_evaluations
 from navrl.evaluation.recording import Recording
+from navrl.evaluation.stored import find_evaluations
 from navrl.viz.animation import save_gif, save_png, save_strip
 from navrl.viz.curves import plot_curves
 from navrl.viz.failures import save_failures

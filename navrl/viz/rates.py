@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from navrl.evaluation.comparison import Evaluation
+from navrl.evaluation.stored import Evaluation
 from navrl.viz.style import CYCLE, save_figure, style
 
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet
@@ -66,7 +66,7 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
     """
     simulators = sorted({str(e.summary["simulator"]) for e in evaluations})
     points = [point for evaluation in evaluations for point in rate_points(evaluation)]
-    rows = [row for row in (_speed_row(points), _number_row(points)) if row is not None]
+    rows = [row for row in (speed_row(points), number_row(points)) if row is not None]
     if not rows:
         raise ValueError(
             "source: success over speed or number needs evaluations at two speeds or two numbers "
@@ -114,15 +114,33 @@ def rate_points(evaluation: Evaluation) -> list[RatePoint]:
 
 
 def _setting(evaluation: Evaluation) -> tuple[int, float] | None:
-    """Return number and speed of the walking pedestrians, by the config or the suite's name."""
+    """Return number and speed of the walking pedestrians; ``None`` of another kind of suite.
+
+    The episodes tell, in files of before they did the configuration, or else the suite's name.
+    """
     name = str(evaluation.summary["suite"])
-    match = re.fullmatch(r"(speed|density)\D*(\d+(?:[._]\d+)?)", name)
-    if match is not None:
-        value = float(match[2].replace("_", "."))
-        return (_TABLE[0], value) if match[1] == "speed" else (int(value), _TABLE[1])
-    if name not in ("table1", "table1_200"):
+    if not name.startswith(("table1", "speed", "density")):
         return None
-    return _configured_setting(evaluation.folder / "config.yaml") or _TABLE
+    configured = _configured_setting(evaluation.folder / "config.yaml")
+    return _played_setting(evaluation) or configured or _named_setting(name)
+
+
+def _played_setting(evaluation: Evaluation) -> tuple[int, float] | None:
+    rows = evaluation.episodes.values()
+    settings = {(row.get("num_dynamic"), row.get("pedestrian_speed_mps")) for row in rows}
+    counts = {count for count, _ in settings}
+    if len(counts) != 1 or not all(count and speed for count, speed in settings):
+        return None
+    speeds = {round(float(speed), 2) for _, speed in settings}
+    return (int(counts.pop()), speeds.pop()) if len(speeds) == 1 else None
+
+
+def _named_setting(name: str) -> tuple[int, float] | None:
+    match = re.fullmatch(r"(speed|density)\D*(\d+(?:[._]\d+)?)", name)
+    if match is None:
+        return _TABLE if name == "table1" else None
+    value = float(match[2].replace("_", "."))
+    return (_TABLE[0], value) if match[1] == "speed" else (int(value), _TABLE[1])
 
 
 def _configured_setting(file: Path) -> tuple[int, float] | None:
@@ -139,12 +157,14 @@ def _configured_setting(file: Path) -> tuple[int, float] | None:
 Row = tuple[str, dict[float, list[RatePoint]]]
 
 
-def _speed_row(points: Sequence[RatePoint]) -> Row | None:
+def speed_row(points: Sequence[RatePoint]) -> Row | None:
+    """Return the points over speed, by speed; ``None`` of fewer than two."""
     chosen = [(p.speed, p) for p in points if p.num_dynamic == _TABLE[0]]
     return _row(f"pedestrian speed in m/s ({_TABLE[0]} walking)", chosen)
 
 
-def _number_row(points: Sequence[RatePoint]) -> Row | None:
+def number_row(points: Sequence[RatePoint]) -> Row | None:
+    """Return the points over the number of pedestrians, by number; ``None`` of fewer than two."""
     chosen = [(float(p.num_dynamic), p) for p in points if p.speed == _TABLE[1]]
     return _row(f"walking pedestrians (at {_TABLE[1]} m/s)", chosen)
 

@@ -1,10 +1,10 @@
 """Worlds as data: scenarios, their generators and named sets of them. No physics."""
 
 from navrl.worlds.batch import KINDS, ScenarioBatch, pedestrian_boxes
-from navrl.worlds.cards import CARDS, SocialCards
+from navrl.worlds.cards import CardSet
 from navrl.worlds.corridor import Corridor
 from navrl.worlds.distribution import ScenarioDistribution, WeightedWorld
-from navrl.worlds.frozen import FrozenSuite, SuiteMismatchError, check_frozen
+from navrl.worlds.frozen import FrozenEpisodes, FrozenSuiteError, frozen_episodes, frozen_names
 from navrl.worlds.intersection import Intersection
 from navrl.worlds.layout import Layout, World
 from navrl.worlds.office import Office
@@ -13,12 +13,13 @@ from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Pedestrian,
 from navrl.worlds.suite import Suite
 
 __all__ = [
-    "CARDS",
     "KINDS",
     "MAX_PATH_POINTS",
     "MAX_ROUTE_POINTS",
+    "CardSet",
     "Corridor",
-    "FrozenSuite",
+    "FrozenEpisodes",
+    "FrozenSuiteError",
     "Intersection",
     "Layout",
     "Office",
@@ -27,11 +28,10 @@ __all__ = [
     "ScenarioBatch",
     "ScenarioDistribution",
     "ScenarioPool",
-    "SocialCards",
     "Suite",
-    "SuiteMismatchError",
     "WeightedWorld",
     "World",
-    "check_frozen",
+    "frozen_episodes",
+    "frozen_names",
     "pedestrian_boxes",
 ]

@@ -9,11 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from navrl.worlds.cards import CARDS
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
 
-KINDS = ("corridor", "intersection", "office", "other", *CARDS)
-"""Kinds of worlds that a batch can tell apart; another one becomes ``other``."""
+KINDS = (
+    *("corridor", "intersection", "office", "other"),
+    *("frontal_approach", "overtaking", "crossing", "blind_corner", "narrow_doorway"),
+    *("narrow_hallway", "obstructed_doorway", "circular_crossing"),
+)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from navrl.worlds.layout import World
 from navrl.worlds.pedestrians import PedestrianPlacer
-from navrl.worlds.planner import Grid, NoPathError, plan_path, start_pose
+from navrl.worlds.planner import Grid, NoPathError, plan, start_pose
 from navrl.worlds.scenario import Pedestrian, Scenario
 
 _TRIES = 50
@@ -35,6 +35,8 @@ class ScenarioDistribution:
         half_size: m, half sides of every pedestrian's cuboid.
         has_walls: Whether walls stay after all has been planned with them (the paper's open-space
             test removes them).
+        keep_dynamic: Dynamic pedestrians that stay of those placed, ``None`` for all. Distributions
+            that differ only here share everything else, static pedestrians too.
 
     Raises:
         ValueError: If a range is not ordered, a count negative or broken, a speed or size not
@@ -52,6 +54,7 @@ class ScenarioDistribution:
         speed: Sequence[float] = (0.5, 1.0),
         half_size: Sequence[float] = (0.15, 0.15),
         has_walls: bool = True,
+        keep_dynamic: int | None = None,
     ) -> None:
         ranges = {"num_dynamic": num_dynamic, "num_static": num_static, "speed": speed}
         for name, bounds in ranges.items():
@@ -71,7 +74,12 @@ class ScenarioDistribution:
         self._shares = weights / weights.sum()
         self.num_dynamic, self.num_static = tuple(num_dynamic), tuple(num_static)
         self.speed, self.half_size = tuple(speed), tuple(half_size)
-        self.has_walls = has_walls
+        if keep_dynamic is not None and not 0 <= keep_dynamic <= num_dynamic[0]:
+            raise ValueError(
+                f"keep_dynamic={keep_dynamic}: need 0 <= keep_dynamic <= {num_dynamic[0]}, the "
+                "least of num_dynamic"
+            )
+        self.has_walls, self.keep_dynamic = has_walls, keep_dynamic
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return scenario ``index``; the same arguments always give the same one.
@@ -93,7 +101,7 @@ class ScenarioDistribution:
         world = items[generator.choice(len(items), p=self._shares)].world
         layout = world.layout(generator)
         grid = Grid(layout.boxes, layout.extent, layout.start)
-        path, inflation = plan_path(grid, layout.start, layout.goal)
+        path, inflation = plan(grid, layout.start, layout.goal)
         people = self._people(
             generator,
             PedestrianPlacer(generator, grid, path, min(inflation, 0.3), half_size=self.half_size),
@@ -119,4 +127,5 @@ class ScenarioDistribution:
         dynamic = [
             placer.dynamic(k, float(generator.uniform(*self.speed))) for k in range(num_dynamic)
         ]
-        return (*dynamic, *(placer.static() for _ in range(num_static)))
+        static = [placer.static() for _ in range(num_static)]
+        return (*dynamic[: self.keep_dynamic], *static)

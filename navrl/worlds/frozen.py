@@ -1,86 +1,145 @@
-"""Frozen suites: episodes that are the same for everybody, held to a hash in the package."""
+"""Episodes that a name and a version stand for, for ever: known by their hashes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import functools
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
-
 from navrl.worlds.scenario import Scenario
-from navrl.worlds.suite import Suite
 
-LOCK = Path(__file__).with_name("suites.lock.yaml")
-"""Version, number of episodes and hash of each frozen suite, by name."""
+FROZEN = Path(__file__).parent / "frozen"
+"""One JSON file a name, written by ``navrl-suites freeze``."""
 
-_HEADER = """\
-# Episodes of the frozen suites: `navrl-suites` checks them, `navrl-suites write=true` adds new
-# ones.
-# A suite whose episodes have to change gets a new version; results of different versions are of
-# different episodes and are never compared.
-"""
+_DIGITS = 4  # hexadecimal, of each single episode's hash
 
 
-class SuiteMismatchError(ValueError):
-    """A frozen suite's scenarios are not those that were frozen."""
+class FrozenSuiteError(ValueError):
+    """A suite's episodes are not those that were frozen under its name and version."""
 
 
 @dataclass(frozen=True)
-class FrozenSuite:
-    """What the lock says of a suite.
+class FrozenEpisodes:
+    """What the package knows about a suite's episodes.
 
     Args:
-        version: Counts the times that its episodes were changed, from 1.
-        episodes: Number.
-        sha256: :meth:`Suite.hash`.
+        name: Of the suite.
+        version: Goes up whenever an episode changes.
+        sha256: Hash of the first n episodes, by n; the largest n is the number of all.
+        digests: The first digits of each single episode's hash, so that a part can be checked.
     """
 
+    name: str
     version: int
-    episodes: int
-    sha256: str
+    sha256: dict[int, str] = field(repr=False)
+    digests: tuple[str, ...] = field(repr=False)
+
+    @classmethod
+    def of(
+        cls, name: str, version: int, scenarios: Sequence[Scenario], lengths: Sequence[int] = ()
+    ) -> FrozenEpisodes:
+        """Freeze ``scenarios``; ``lengths`` are those of parts that have a hash of their own."""
+        wanted = sorted({*lengths, len(scenarios)})
+        hashes = {length: episodes_hash(scenarios[:length]) for length in wanted}
+        return cls(name, version, hashes, tuple(map(_digest, scenarios)))
+
+    def check(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """Compare generated episodes with the frozen ones.
+
+        Args:
+            indices: Their numbers.
+            scenarios: The episodes.
+
+        Raises:
+            FrozenSuiteError: If one differs or is beyond the last, naming the suite, what was
+                expected and what was found.
+        """
+        whose = f"suite {self.name}, version {self.version}"
+        if max(indices, default=0) >= len(self.digests):
+            raise FrozenSuiteError(
+                f"{whose}: has {len(self.digests)} episodes, episode {max(indices)} is not "
+                "frozen; suite.version=null plays it unchecked"
+            )
+        is_first_part = list(indices) == list(range(len(scenarios)))
+        if is_first_part and len(scenarios) in self.sha256:
+            want, got = self.sha256[len(scenarios)], episodes_hash(scenarios)
+        else:
+            want = ",".join(self.digests[index] for index in indices)
+            got = ",".join(map(_digest, scenarios))
+        if want == got:
+            return
+        pairs = zip(indices, scenarios, strict=True)
+        different = [index for index, one in pairs if self.digests[index] != _digest(one)]
+        raise FrozenSuiteError(
+            f"{whose}: these are not the frozen episodes, expected {_short(want)}, found "
+            f"{_short(got)}; {len(different)} of {len(scenarios)} differ: "
+            f"{_short(str(different))}; "
+            "a suite of other episodes needs another suite.name and suite.version=null"
+        )
+
+    def save(self, folder: Path = FROZEN) -> Path:
+        """Write ``<name>.json``."""
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / f"{self.name}.json"
+        plain = {
+            "name": self.name,
+            "version": self.version,
+            "sha256": {str(length): value for length, value in self.sha256.items()},
+            "digests": "".join(self.digests),
+        }
+        file.write_text(json.dumps(plain, indent=1) + "\n")
+        return file
+
+    @classmethod
+    def load(cls, file: Path) -> FrozenEpisodes:
+        """Read what :meth:`save` wrote."""
+        plain = json.loads(file.read_text())
+        text = plain["digests"]
+        digests = tuple(text[k : k + _DIGITS] for k in range(0, len(text), _DIGITS))
+        hashes = {int(length): value for length, value in plain["sha256"].items()}
+        return cls(plain["name"], plain["version"], hashes, digests)
 
 
-def read_lock(file: Path = LOCK) -> dict[str, FrozenSuite]:
-    """Return the frozen suites by name."""
-    entries = yaml.safe_load(file.read_text()) if file.is_file() else None
-    return {name: FrozenSuite(**entry) for name, entry in (entries or {}).items()}
-
-
-def write_lock(suites: Mapping[str, FrozenSuite], file: Path = LOCK) -> None:
-    """Write the frozen suites, in the order given."""
-    entries = {name: dict(vars(entry)) for name, entry in suites.items()}
-    file.write_text(_HEADER + yaml.safe_dump(entries, sort_keys=False))
-
-
-def check_frozen(
-    suite: Suite, scenarios: Sequence[Scenario], lock: Mapping[str, FrozenSuite] | None = None
-) -> tuple[str, int | None]:
-    """Hash a suite's scenarios and hold them to the lock.
-
-    A suite that the lock does not know, or with another number of episodes, is somebody's own and
-    is not checked.
-
-    Args:
-        suite: The suite.
-        scenarios: All of its scenarios.
-        lock: The package's own if ``None``.
-
-    Returns:
-        The hash, and the version of the frozen suite; ``None`` if it is not frozen.
+@functools.cache
+def frozen_episodes(name: str, version: int) -> FrozenEpisodes:
+    """Return what is frozen under ``name`` and ``version``.
 
     Raises:
-        SuiteMismatchError: If the scenarios are others than those frozen, naming both hashes.
+        FrozenSuiteError: If nothing is, or under another version.
     """
-    found = suite.hash(list(scenarios))
-    frozen = (read_lock() if lock is None else lock).get(suite.name)
-    if frozen is None or frozen.episodes != len(scenarios):
-        return found, None
-    if found != frozen.sha256:
-        raise SuiteMismatchError(
-            f"suite={suite.name}: its {len(scenarios)} scenarios are not those frozen as version "
-            f"{frozen.version}: expected hash {frozen.sha256}, found {found}. A suite that is "
-            "changed on purpose needs another name (suite.name=mine); if nothing was changed, a "
-            "library draws other numbers than the one it was frozen with"
+    file = FROZEN / f"{name}.json"
+    if not file.is_file():
+        raise FrozenSuiteError(
+            f"suite {name}, version {version}: nothing is frozen under this name; "
+            f"suite.version=null plays it unchecked; names are {', '.join(frozen_names())}"
         )
-    return found, frozen.version
+    frozen = FrozenEpisodes.load(file)
+    if frozen.version != version:
+        raise FrozenSuiteError(
+            f"suite {name}: expected version {frozen.version}, found version {version}"
+        )
+    return frozen
+
+
+def frozen_names() -> list[str]:
+    """Return the names under which episodes are frozen."""
+    return sorted(file.stem for file in FROZEN.glob("*.json"))
+
+
+def episodes_hash(scenarios: Sequence[Scenario]) -> str:
+    """Return the SHA-256 of all scenarios' canonical JSON, as hexadecimal digits."""
+    digest = hashlib.sha256()
+    for scenario in scenarios:
+        digest.update(scenario.to_json().encode() + b"\n")
+    return digest.hexdigest()
+
+
+def _digest(scenario: Scenario) -> str:
+    return hashlib.sha256(scenario.to_json().encode()).hexdigest()[:_DIGITS]
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 64 else f"{text[:61]}..."

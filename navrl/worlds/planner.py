@@ -174,8 +174,8 @@ def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8
     return dense
 
 
-def plan_path(grid: Grid, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the smoothed path ``[P, 2]`` m and the inflation in m that it was found at.
+def plan(grid: Grid, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the smoothed path ``[P, 2]`` m and the inflation it was found at.
 
     Raises:
         NoPathError: If start and goal are not connected.
@@ -191,6 +191,6 @@ def plan_path(grid: Grid, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarr
 
 
 def start_pose(path: np.ndarray) -> np.ndarray:
-    """Return the pose ``[3]`` at a path's first point that faces along it."""
+    """Return the pose ``[3]`` at the beginning of ``path``, facing along it."""
     ahead = path[min(3, len(path) - 1)] - path[0]
     return np.array([*path[0], np.arctan2(ahead[1], ahead[0])])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -10,11 +9,12 @@ from multiprocessing import get_all_start_methods, get_context
 from typing import Protocol
 
 from navrl.worlds.batch import ScenarioBatch
+from navrl.worlds.frozen import episodes_hash, frozen_episodes
 from navrl.worlds.scenario import Scenario
 
 
 class Distribution(Protocol):
-    """What scenarios are drawn from."""
+    """What a suite draws from, e.g. :class:`navrl.worlds.ScenarioDistribution`."""
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return scenario ``index``; the same arguments always give the same one."""
@@ -25,12 +25,14 @@ class Suite:
     """Episodes 0 to ``num_episodes`` - 1 of a distribution, under a name and a seed.
 
     Args:
-        name: For the reader, and for the lock that a frozen suite's hash is held to.
-        seed: Part of what determines each scenario.
+        name: For the reader, and part of what determines each scenario.
+        seed: Likewise part of it.
         num_episodes: How many.
         distribution: What they are drawn from.
-        drawn_as: Name that determines each scenario, with the seed; ``name`` if ``None``. Suites
-            drawn as the same one share their layouts, as far as their distributions allow.
+        version: Of the frozen episodes that the package knows under this name. Whatever is
+            generated must be among them, so that everybody plays the same; ``None`` checks nothing.
+        scenes: Takes the place of ``name`` in what determines a scenario, so that suites which
+            share it share worlds and routes; ``name`` if ``None``.
 
     Raises:
         ValueError: If the seed is negative or there is no episode.
@@ -42,13 +44,14 @@ class Suite:
         seed: int,
         num_episodes: int,
         distribution: Distribution,
-        drawn_as: str | None = None,
+        version: int | None = None,
+        scenes: str | None = None,
     ) -> None:
         if seed < 0 or num_episodes <= 0:
             raise ValueError(f"seed={seed}: must be >= 0; num_episodes={num_episodes}: must be > 0")
         self.name, self.seed, self.num_episodes = name, seed, num_episodes
-        self.distribution = distribution
-        self.drawn_as = name if drawn_as is None else drawn_as
+        self.distribution, self.version = distribution, version
+        self.scenes = name if scenes is None else scenes
 
     def scenarios(
         self, indices: Iterable[int] | None = None, num_workers: int = 1
@@ -61,12 +64,19 @@ class Suite:
 
         Raises:
             ValueError: If an index is out of range.
+            FrozenSuiteError: If one is not the frozen episode of that number.
         """
         indices = list(range(self.num_episodes) if indices is None else indices)
         for index in indices:
             if not 0 <= index < self.num_episodes:
                 raise ValueError(f"index {index}: suite '{self.name}' has {self.num_episodes}")
-        sample = partial(self.distribution.sample, self.drawn_as, self.seed)
+        found = self._generate(indices, num_workers)
+        if self.version is not None:
+            frozen_episodes(self.name, self.version).check(indices, found)
+        return found
+
+    def _generate(self, indices: list[int], num_workers: int) -> list[Scenario]:
+        sample = partial(self.distribution.sample, self.scenes, self.seed)
         if num_workers <= 1 or len(indices) < 32:
             return [sample(index) for index in indices]
         # Never fork: this process may run threads of torch and of the kernels.
@@ -84,7 +94,4 @@ class Suite:
         Args:
             scenarios: All of them, if they were generated already.
         """
-        digest = hashlib.sha256()
-        for scenario in self.scenarios() if scenarios is None else scenarios:
-            digest.update(scenario.to_json().encode() + b"\n")
-        return digest.hexdigest()
+        return episodes_hash(self.scenarios() if scenarios is None else scenarios)

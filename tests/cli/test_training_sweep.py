@@ -51,6 +51,7 @@ def test_an_unknown_sweep_is_answered_by_those_there_are(tmp_path):
     assert "sweep/everything" in line and all(name in line for name in SWEEPS)
 
 
+@pytest.mark.slow
 def test_one_word_trains_all_and_again_trains_what_is_missing(tmp_path):
     words = ["-m", "sweep=seeds", "seed=0,1", *TINY]
     first = train(tmp_path, *words)

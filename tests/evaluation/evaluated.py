@@ -3,6 +3,8 @@
 import csv
 import json
 
+from navrl.evaluation import wilson_interval
+
 
 def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, **changes):
     """Write the two files for episodes with these outcomes; ``changes`` go into the summary.
@@ -37,6 +39,7 @@ def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0
         "errors": outcomes.count("error"),
         "navigation_time_s": sum(times) / len(times) if times else None,
         **{f"{name}_rate": value for name, value in rate.items()},
+        "success_interval": wilson_interval(outcomes.count("success"), total),
         **changes,
     }
     (folder / "summary.json").write_text(json.dumps(summary))

@@ -50,6 +50,20 @@ def test_recovers_the_motion_among_pedestrians(options, success, median_m, media
         assert result.converged.float().mean() > 0.97
 
 
+def test_robust_is_accurate_with_up_to_eight_pedestrians():
+    """95 % within 10 cm and 2 deg, median 0.5 cm and 0.1 deg, over rooms with none to eight."""
+    found = []
+    for count in range(9):
+        pairs = sample_scan_pairs(100, seed=20 + count, beams_per_point=8, num_pedestrians=count)
+        found.append(
+            errors(run(pairs.source, pairs.target, ROBUST).transform, pairs.T_target_source)
+        )
+    position, rotation = (torch.cat(parts) for parts in zip(*found, strict=True))
+    assert ((position < 0.1) & (rotation < 2.0)).float().mean() >= 0.95
+    assert position.median() <= 0.005
+    assert rotation.median() <= 0.1
+
+
 def test_robust_from_180_single_beams():
     for source, target, truth in both_ways(sample_scan_pairs(200, seed=3)):
         position, rotation = errors(run(source, target, ROBUST).transform, truth)

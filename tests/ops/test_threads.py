@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from navrl.ops.kernels.threads import MIN_ROWS, run_rows
+from navrl.ops.kernels.threads import MIN_ROWS, run_rows, torch_on_one_thread
 
 
 @pytest.fixture
@@ -74,3 +74,38 @@ def test_a_forked_child_has_threads_of_its_own(num_threads):
     assert ours.poll(30), "the child hangs"
     assert ours.recv() == 128.0
     child.join()
+
+
+def test_torch_leaves_its_threads_to_the_kernels(num_threads):
+    num_threads(2)
+    workers = set()
+    with torch_on_one_thread(), torch_on_one_thread():
+        assert torch.get_num_threads() == 1
+        meeting = threading.Barrier(2)
+
+        def work(share):
+            if threading.get_ident() not in workers:
+                workers.add(threading.get_ident())
+                meeting.wait(timeout=10)
+
+        run_rows(work, 64, ())
+    assert len(workers) == 2
+    assert torch.get_num_threads() == 2
+
+
+def test_a_launch_beside_another_runs_in_place(num_threads):
+    """Two Python threads may both launch; who comes second does the work alone."""
+    num_threads(2)
+    begun, finish, seen = threading.Event(), threading.Event(), []
+
+    def wait(share):
+        begun.set()
+        finish.wait(timeout=10)
+
+    first = threading.Thread(target=run_rows, args=(wait, 64, ()))
+    first.start()
+    begun.wait(timeout=10)
+    run_rows(seen.append, 64, ())
+    finish.set()
+    first.join(timeout=10)
+    assert seen == [(0, 64)]

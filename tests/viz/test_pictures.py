@@ -14,8 +14,8 @@ import yaml
 from PIL import Image
 
 from navrl.config import CONF_DIR
-from navrl.evaluation.comparison import find_evaluations
 from navrl.evaluation.statistics import wilson_interval
+from navrl.evaluation.stored import find_evaluations
 from navrl.ops import grouping
 from navrl.viz import pictures, plot_rates, rates, save_failures, save_mp4, save_tagd, tagd
 
@@ -82,9 +82,21 @@ def test_rates_over_speed_and_number(tmp_path, figures):
 )
 def test_a_suite_s_name_tells_its_setting(tmp_path, name, setting):
     write_point(tmp_path / "a", "paper", 0.5, suite=name)
+    (tmp_path / "a" / "config.yaml").unlink()
     (evaluation,) = find_evaluations([tmp_path])
     point, *_ = rates.rate_points(evaluation)
     assert (point.num_dynamic, point.speed) == setting
+
+
+def test_episodes_tell_their_setting_better_than_any_name(tmp_path):
+    write_point(tmp_path / "a", "paper", 0.5, suite="speed_v2")
+    columns = "index,outcome,num_dynamic,pedestrian_speed_mps\n"
+    (tmp_path / "a" / "episodes.csv").write_text(
+        f"{columns}0,success,2,0.9\n1,timeout,2,0.9000001\n"
+    )
+    (evaluation,) = find_evaluations([tmp_path])
+    point, *_ = rates.rate_points(evaluation)
+    assert (point.num_dynamic, point.speed) == (2, 0.9)
 
 
 def test_rates_need_two_settings_of_one_simulator(tmp_path):

@@ -1,0 +1,248 @@
+"""The page's figures, which show their numbers where the mouse is."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from navrl.evaluation.comparison import ComparisonTable
+from navrl.evaluation.stored import Evaluation
+from navrl.viz.curves import TrainingLog
+from navrl.viz.rates import number_row, rate_points, speed_row
+from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILLION
+
+_OUTCOMES = {
+    "success": ("success", GREEN),
+    "collision_pedestrian": ("collision with a pedestrian", VERMILLION),
+    "collision_static": ("collision with a wall", ORANGE),
+    "timeout": ("timeout", BLUE),
+    "error": ("error", BLACK),
+}
+_ROW_PX = 30
+
+
+def success_chart(table: ComparisonTable) -> go.Figure:
+    """Success with its 95 % interval, and the paper's own figure."""
+    rows = list(reversed(table.rows))
+    names = [row.policy for row in rows]
+    rates = np.array([row.rates["success"] for row in rows])
+    low, high = np.array([row.intervals["success"] for row in rows]).T
+    texts = [
+        f"{row.policy}: {row.rates['success']:.1%} of {row.episodes:,} [{a:.1%}, {b:.1%}]"
+        for row, a, b in zip(rows, low, high, strict=True)
+    ]
+    error = {"type": "data", "symmetric": False, "array": high - rates, "arrayminus": rates - low}
+    look = {"color": BLUE, "size": 9}
+    figure = go.Figure(
+        go.Scatter(
+            x=rates,
+            y=names,
+            error_x=error,
+            mode="markers",
+            marker=look,
+            name="measured here, 95 % interval",
+            hovertext=texts,
+            hoverinfo="text",
+        )
+    )
+    published = [(row.policy, row.published["success"]) for row in rows if row.published]
+    if published:
+        figure.add_scatter(
+            x=[rate for _, rate in published],
+            y=[name for name, _ in published],
+            mode="markers",
+            marker={"color": VERMILLION, "size": 10, "symbol": "diamond-open"},
+            name="the paper's own figure",
+            hovertemplate="%{y}: %{x:.1%} in the paper<extra></extra>",
+        )
+    figure.update_xaxes(title="success rate", tickformat=".0%", range=[-0.02, 1.02])
+    figure.update_yaxes(categoryorder="array", categoryarray=names)
+    return _finished(figure, 130 + _ROW_PX * len(names))
+
+
+def outcome_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure:
+    """How the episodes of each policy ended."""
+    figure = go.Figure()
+    members = _members(table, evaluations)
+    counts = [Counter(row["outcome"] for row in e.episodes.values()) for e in members]
+    names = [row.policy for row in table.rows]
+    for outcome, (label, color) in _OUTCOMES.items():
+        values = [count[outcome] for count in counts]
+        if not any(values):
+            continue
+        shares = [v / max(sum(c.values()), 1) for v, c in zip(values, counts, strict=True)]
+        figure.add_bar(
+            x=shares[::-1],
+            y=names[::-1],
+            orientation="h",
+            name=label,
+            marker_color=color,
+            customdata=values[::-1],
+            hovertemplate=f"%{{y}}: {label} in %{{customdata}} (%{{x:.1%}})<extra></extra>",
+        )
+    figure.update_layout(barmode="stack", legend_traceorder="normal")
+    figure.update_xaxes(title="share of episodes", tickformat=".0%", range=[0, 1])
+    return _finished(figure, 130 + _ROW_PX * len(names))
+
+
+def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure | None:
+    """Success in each kind of world; ``None`` if there is only one."""
+    figure = go.Figure()
+    for i, (row, e) in enumerate(zip(table.rows, _members(table, evaluations), strict=True)):
+        worlds = e.summary.get("by_scenario") or {}
+        if len(worlds) < 2:
+            continue
+        rates = np.array([part["success_rate"] for part in worlds.values()])
+        low, high = np.array([part["success_interval"] for part in worlds.values()]).T
+        figure.add_bar(
+            x=list(worlds),
+            y=rates,
+            name=row.policy,
+            marker_color=CYCLE[i % len(CYCLE)],
+            error_y={
+                "type": "data",
+                "symmetric": False,
+                "array": high - rates,
+                "arrayminus": rates - low,
+                "thickness": 1,
+            },
+            customdata=[part["episodes"] for part in worlds.values()],
+            hovertemplate=f"{row.policy}, %{{x}}: %{{y:.1%}} of %{{customdata}}<extra></extra>",
+        )
+    if not figure.data:
+        return None
+    figure.update_yaxes(title="success rate", tickformat=".0%", range=[0, 1.02])
+    figure.update_layout(barmode="group")
+    return _finished(figure, 380)
+
+
+def episode_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure:
+    """Which episode ended how under which policy: a column is one episode."""
+    codes = {outcome: i for i, outcome in enumerate(_OUTCOMES)}
+    members = _members(table, evaluations)
+    indices = sorted({index for e in members for index in e.episodes})
+    values, texts = [], []
+    for row, e in zip(table.rows, members, strict=True):
+        cells = [e.episodes.get(index) for index in indices]
+        values.append([codes.get(cell["outcome"]) if cell else None for cell in cells])
+        texts.append([_cell_text(row.policy, i, c) for i, c in zip(indices, cells, strict=True)])
+    colors = [color for _, color in _OUTCOMES.values()]
+    steps = np.repeat(np.linspace(0, 1, len(colors) + 1), 2)[1:-1]
+    figure = go.Figure(
+        go.Heatmap(
+            z=values[::-1],
+            x=indices,
+            y=[row.policy for row in table.rows][::-1],
+            text=texts[::-1],
+            hoverinfo="text",
+            zmin=-0.5,
+            zmax=len(colors) - 0.5,
+            colorscale=[[s, c] for s, c in zip(steps, np.repeat(colors, 2), strict=True)],
+            colorbar={
+                "tickvals": list(codes.values()),
+                "ticktext": [label for label, _ in _OUTCOMES.values()],
+                "title": "outcome",
+            },
+            ygap=2,
+        )
+    )
+    figure.update_xaxes(title="episode")
+    return _finished(figure, max(260, 130 + _ROW_PX * len(members)))
+
+
+def curves_chart(logs: Sequence[Path]) -> go.Figure:
+    """Success in the trainings' own evaluations over environment steps."""
+    figure = go.Figure()
+    colors: dict[str, str] = {}
+    for file in logs:
+        name = file.resolve().parent.name
+        label = re.sub(r"_seed_\d+", "", name)
+        color = colors.setdefault(label, CYCLE[len(colors) % len(CYCLE)])
+        frames, rates = TrainingLog(file).column("evaluation/success_rate")
+        figure.add_scatter(
+            x=frames,
+            y=rates,
+            mode="lines+markers",
+            name=name,
+            line={"color": color},
+            hovertemplate=f"{name}: %{{y:.1%}} after %{{x:,}} steps<extra></extra>",
+        )
+    figure.update_xaxes(title="environment steps", rangemode="tozero")
+    figure.update_yaxes(title="success rate, validation", tickformat=".0%", range=[-0.02, 1.02])
+    return _finished(figure, 400, legend=True)
+
+
+def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
+    """Success over speed and number of pedestrians, all worlds; ``None`` without a sweep."""
+    points = [p for e in evaluations for p in rate_points(e)]
+    points = [p for p in points if p.world == "all worlds"]
+    rows = [row for row in (speed_row(points), number_row(points)) if row is not None]
+    if not rows or len({str(e.summary["simulator"]) for e in evaluations}) > 1:
+        return None
+    figure = make_subplots(1, len(rows), shared_yaxes=True)
+    policies = sorted({p.policy for p in points})
+    for column, (label, at) in enumerate(rows, start=1):
+        for i, policy in enumerate(policies):
+            found = [(x, p) for x, members in at.items() for p in members if p.policy == policy]
+            rates = np.array([p.rate for _, p in found])
+            figure.add_scatter(
+                x=[x for x, _ in found],
+                y=rates,
+                error_y={
+                    "type": "data",
+                    "symmetric": False,
+                    "array": [p.interval[1] - p.rate for _, p in found],
+                    "arrayminus": [p.rate - p.interval[0] for _, p in found],
+                    "thickness": 1,
+                },
+                name=policy,
+                legendgroup=policy,
+                showlegend=column == 1,
+                mode="lines+markers",
+                line={"color": CYCLE[i % len(CYCLE)]},
+                hovertemplate=f"{policy}: %{{y:.1%}} at %{{x}}<extra></extra>",
+                row=1,
+                col=column,
+            )
+        figure.update_xaxes(title=label, row=1, col=column)
+    figure.update_yaxes(tickformat=".0%", range=[-0.02, 1.02])
+    figure.update_yaxes(title="success rate", row=1, col=1)
+    return _finished(figure, 400, legend=True)
+
+
+# --- parts ---------------------------------------------------------------------------------------
+
+
+def _members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[Evaluation]:
+    by_folder = {str(e.folder): e for e in evaluations}
+    return [by_folder[row.folder] for row in table.rows]
+
+
+def _cell_text(policy: str, index: int, cell: dict[str, str] | None) -> str:
+    if cell is None:
+        return f"{policy}: episode {index} not played"
+    label = _OUTCOMES.get(cell["outcome"], (cell["outcome"], GREY))[0]
+    world, seconds = cell.get("scenario", ""), cell.get("time_s", "")
+    after = f" after {float(seconds):.1f} s" if seconds else ""
+    return f"{policy}, episode {index} ({world}): {label}{after}"
+
+
+def _finished(figure: go.Figure, height: int, legend: bool | None = None) -> go.Figure:
+    figure.update_layout(
+        template="plotly_white",
+        height=height,
+        margin={"l": 10, "r": 20, "t": 30, "b": 10},
+        font={"size": 13},
+        legend={"orientation": "h", "yanchor": "bottom", "y": 1.0, "x": 0.0},
+        showlegend=legend,
+        hoverlabel={"namelength": -1},
+    )
+    figure.update_xaxes(automargin=True)
+    figure.update_yaxes(automargin=True)
+    return figure

@@ -1,0 +1,75 @@
+"""What there is to report about: evaluations, logs of trainings, recorded episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from navrl.evaluation.recording import Recording
+from navrl.evaluation.stored import Evaluation, find_evaluations
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The files below some folders.
+
+    Args:
+        folders: Where they were looked for.
+        evaluations: Of any suite and simulator.
+        logs: ``metrics.csv`` of trainings.
+        recordings: Episodes with a name each, lost ones first.
+        num_recordings: How many there are; ``recordings`` may hold fewer.
+    """
+
+    folders: tuple[Path, ...]
+    evaluations: tuple[Evaluation, ...]
+    logs: tuple[Path, ...]
+    recordings: tuple[tuple[str, Recording], ...]
+    num_recordings: int
+
+
+def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
+    """Look through some folders.
+
+    Args:
+        folders: At least one.
+        num_episodes: Largest number of recorded episodes to take.
+
+    Raises:
+        ValueError: If a folder does not exist, or there is nothing to report in any.
+    """
+    folders = tuple(Path(folder) for folder in folders)
+    missing = [folder for folder in folders if not folder.is_dir()]
+    if missing or not folders:
+        raise ValueError(f"folder {missing[0]}: no such folder" if missing else "need a folder")
+    evaluations = {
+        e.folder: e
+        for folder in folders
+        if _has_evaluation(folder)
+        for e in find_evaluations([folder])
+    }
+    logs = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("metrics.csv")))
+    files = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("*.npz")))
+    recordings = [(_name(file), Recording.load(file)) for file in files]
+    if not evaluations and not logs and not recordings:
+        places = ", ".join(map(str, folders))
+        raise ValueError(f"{places}: no evaluation, no training and no recorded episode there")
+    recordings.sort(key=lambda named: named[1].outcome == "success")
+    return Sources(
+        folders,
+        tuple(evaluations.values()),
+        tuple(logs),
+        tuple(recordings[:num_episodes]),
+        len(recordings),
+    )
+
+
+def _has_evaluation(folder: Path) -> bool:
+    return any(file.with_name("episodes.csv").is_file() for file in folder.rglob("summary.json"))
+
+
+def _name(file: Path) -> str:
+    """Name an episode by its folder, and by its file unless that is called as always."""
+    folder = file.resolve().parent.name
+    return folder if file.stem == "episode" else f"{folder}/{file.stem}"

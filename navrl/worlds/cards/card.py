@@ -1,0 +1,111 @@
+"""What a scenario card is, and how a set of them becomes episodes."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from navrl.worlds.layout import Layout
+from navrl.worlds.pedestrians import simplify
+from navrl.worlds.planner import Grid, plan, resample, start_pose
+from navrl.worlds.scenario import Pedestrian, Scenario
+
+ROBOT_PACE = (0.7, 1.0)  # m/s at which the robot is expected where it meets somebody
+
+
+class Card(Protocol):
+    """One kind of encounter; it is named by its class's ``kind``."""
+
+    kind: str
+
+    def layout(self, generator: np.random.Generator) -> Layout:
+        """Draw walls, start and goal."""
+        ...
+
+    def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
+        """Draw who is met on ``path [P, 2]``, moving ones first."""
+        ...
+
+
+class CardSet:
+    """Episodes that take the cards in turn, so that each is played equally often.
+
+    Every other episode of a card is mirrored left to right.
+
+    Args:
+        cards: By name; ``None`` leaves one out.
+        half_size: m, half sides of every pedestrian's cuboid.
+
+    Raises:
+        ValueError: If there is no card, or a size is not positive.
+
+    Reference:
+        Francis et al., "Principles and Guidelines for Evaluating Social Robot Navigation
+        Algorithms", 2023: the cards' names and intent. Sizes, speeds and timing are ours, and the
+        pedestrians give way to nobody here, as everywhere in the paper's worlds.
+    """
+
+    def __init__(
+        self, cards: Mapping[str, Card | None], half_size: Sequence[float] = (0.15, 0.15)
+    ) -> None:
+        self.cards = [card for card in cards.values() if card is not None]
+        if not self.cards:
+            raise ValueError("cards: need at least one, got none")
+        if len(half_size) != 2 or not min(half_size) > 0:
+            raise ValueError(f"half_size={list(half_size)}: need two lengths > 0")
+        self.half_size = tuple(half_size)
+
+    def sample(self, suite: str, seed: int, index: int) -> Scenario:
+        """Return scenario ``index``; the same arguments always give the same one."""
+        entropy = [seed, zlib.crc32(suite.encode()), index]
+        generator = np.random.default_rng(np.random.SeedSequence(entropy))
+        turn, number = divmod(index, len(self.cards))
+        card = self.cards[number]
+        layout = card.layout(generator)
+        path, _ = plan(Grid(layout.boxes, layout.extent, layout.start), layout.start, layout.goal)
+        people = card.people(generator, path)
+        mirror = np.array([1.0, -1.0 if turn % 2 else 1.0])
+        return Scenario(
+            suite=suite,
+            seed=seed,
+            index=index,
+            kind=card.kind,
+            boxes=layout.boxes * [*mirror, 1.0, 1.0, 1.0],
+            start=start_pose(path * mirror),
+            goal=path[-1] * mirror,
+            path=path * mirror,
+            pedestrians=tuple(
+                replace(p, route=p.route * mirror, half_size=self.half_size) for p in people
+            ),
+            noise_seed=int(generator.integers(2**32)),
+        )
+
+
+def meeting(
+    generator: np.random.Generator, route: np.ndarray, speed: float, path: np.ndarray, at: float
+) -> Pedestrian:
+    """Return somebody who reaches the path's point at share ``at`` when the robot does.
+
+    Args:
+        generator: Draws the pace that is expected of the robot.
+        route: ``[R, 2]`` m, walked in this direction when they meet, back and forth otherwise.
+        speed: m/s.
+        path: ``[P, 2]`` m, the robot's.
+        at: Share of the path before the meeting, in [0, 1].
+    """
+    here = path[round(at * (len(path) - 1))]
+    driven = at * _length(path) / generator.uniform(*ROBOT_PACE)
+    dense = resample(route, 0.02)
+    nearest = int(np.linalg.norm(dense - here, axis=-1).argmin())
+    length = _length(route)
+    walked = nearest / (len(dense) - 1) * length
+    offset = (walked - speed * driven) % (2 * length)
+    return Pedestrian(simplify(route), float(speed), float(offset))
+
+
+def _length(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
