@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from navrl.cli import suites
 from navrl.cli.report import make_parser
 from navrl.config import compose
 
@@ -63,6 +64,9 @@ def test_shell_commands_compose(page, words):
     """Every printed override exists; sweeps are tried job by job."""
     if words[0] == "navrl-report":  # no Hydra: folders are what it takes
         assert make_parser().parse_args(words[1:]).folders
+        return
+    if words[0] == "navrl-suites":  # nor here, and it is quick
+        assert suites.main(words[1:]) == 0
         return
     launcher = ("hydra/launcher=", "hydra.launcher.")  # need plugins: tried in test_launchers.py
     overrides = [w for w in words[1:] if "=" in w and not w.startswith(launcher)]

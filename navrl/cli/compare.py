@@ -29,10 +29,8 @@ def _compare(cfg: DictConfig) -> None:
 def main() -> None:
     """Take folders as they are, or ``folders=[A, B]`` as any other command of ours."""
     words = sys.argv[1:]
-    folders = [word for word in words if "=" not in word and not word.startswith("-")]
-    folders += [
-        word for word in words if "=" in word and Path(word).is_dir()
-    ]  # as sweeps name them
+    # Sweeps give folders names such as policy=paper, too.
+    folders = [w for w in words if w[:1] != "-" and ("=" not in w or Path(w).is_dir())]
     if folders:
         rest = [word for word in words if word not in folders]
         listed = ",".join(repr(folder) for folder in folders)

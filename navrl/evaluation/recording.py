@@ -67,6 +67,8 @@ class Recording:
         spatial_attention: ``[T, N_b]``, sums to 1.
         temporal_attention: ``[T, N_c]``, sums to 1.
         reward_terms: ``[T]`` weighted contribution of each term, by name.
+        contact: Code of :class:`navrl.sim.Contact` at the end: who moved into whom; ``None`` in
+            files from before it was kept.
 
     Raises:
         ValueError: If a shape does not fit, naming the array.
@@ -93,6 +95,7 @@ class Recording:
     waypoints: np.ndarray | None = None
     spatial_attention: np.ndarray | None = None
     temporal_attention: np.ndarray | None = None
+    contact: int | None = None
 
     def __post_init__(self) -> None:
         steps = self.num_steps
@@ -165,13 +168,14 @@ class EpisodeRecorder:
     def __init__(self, env: TransformedEnv, scenario: Scenario, row: int = 0) -> None:
         self._env, self._scenario, self._row = env, scenario, row
         self._series: dict[str, list[np.ndarray]] = defaultdict(list)
-        self._outcome = Outcome.RUNNING
+        self._outcome, self._contact = Outcome.RUNNING, 0
 
     def __call__(self, stepped: TensorDictBase) -> None:
         """Add a batch of transitions; what comes after the world's end is passed over."""
         if self._outcome != Outcome.RUNNING:
             return
         before, after = stepped[self._row], stepped["next"][self._row]
+        self._contact = int(after[keys.CONTACT])
         if not self._series:
             self._append(before, _OBSERVED)
         self._append(after, _OBSERVED)
@@ -193,6 +197,7 @@ class EpisodeRecorder:
         base, scenario = self._env.base_env, self._scenario
         series = {name: np.stack(rows) for name, rows in self._series.items()}
         names = [name for name in series if name.startswith(_TERM)]
+        series["contact"] = self._contact
         terms = {name.removeprefix(_TERM): series.pop(name) for name in names}
         return Recording(
             scenario=scenario.to_json(),

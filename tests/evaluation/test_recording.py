@@ -10,7 +10,7 @@ from tensordict.nn import TensorDictSequential
 from navrl import keys
 from navrl.build import make_env, make_navigation_env, observation_shapes
 from navrl.config import compose, instantiate
-from navrl.evaluation import evaluate
+from navrl.evaluation import Trajectory, evaluate, measure
 from navrl.evaluation.recording import EpisodeRecorder, Recording, record_episode
 from navrl.networks import make_actor
 from navrl.policies.classical import PurePursuit, UniformRandom
@@ -59,6 +59,33 @@ def test_agrees_with_the_record(env, policy, scenario, recording):
     driven = np.linalg.norm(np.diff(recording.pose[:, :2], axis=0), axis=1).sum()
     assert (recording.outcome, recording.num_steps) == (record.outcome, record.steps)
     assert driven == pytest.approx(record.path_length_m, abs=1e-4)
+
+
+def test_metrics_of_a_recording_are_those_of_the_evaluation(tmp_path, env, policy, cfg):
+    """To the last bit, from the disk, alone or beside longer episodes, without a simulator."""
+    distribution, robot = instantiate(cfg.scenario), env.base_env.simulator.robot
+    scenarios = [distribution.sample("recorded", 0, index) for index in range(4)]
+    scenarios[1:3] = [dataclasses.replace(scene, pedestrians=()) for scene in scenarios[1:3]]
+    records = evaluate(env, policy, ScenarioBatch.pack(scenarios))
+    files = [tmp_path / f"{index}.npz" for index in range(4)]
+    for scene, file in zip(scenarios, files, strict=True):
+        record_episode(env, policy, scene).save(file)
+    loaded = [Recording.load(file) for file in files]
+    together = measure(Trajectory.from_recordings(loaded, robot.max_speed))
+    for row, (record, recording) in enumerate(zip(records, loaded, strict=True)):
+        alone = measure(Trajectory.from_recordings([recording], robot.max_speed))
+        for name, value in record.metrics.items():
+            expected = np.nan if value is None else value
+            assert np.array_equal(alone[name], [expected], equal_nan=True), name
+            assert np.array_equal(together[name][row], expected, equal_nan=True), name
+    assert len({record.steps for record in records}) > 1
+    assert len({record.outcome for record in records}) > 1
+
+
+def test_recordings_of_different_robots_are_not_stacked(recording):
+    other = dataclasses.replace(recording, robot_radius=0.3)
+    with pytest.raises(ValueError, match="one robot"):
+        Trajectory.from_recordings([recording, other], 1.0)
 
 
 def test_rows_are_in_step_with_time(env, scenario):
