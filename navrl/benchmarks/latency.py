@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from navrl import keys
-from navrl.benchmarks.measurement import threads
+from navrl.benchmarks.measurement import frozen_objects, threads
 from navrl.benchmarks.results import Row, at_most
 from navrl.deploy import PolicyRunner
 from navrl.envs import NavigationEnv
@@ -45,7 +45,7 @@ def latency_rows(
         drive: What the robot senses.
         repeats: Times that the drive is played.
     """
-    with threads(1):
+    with threads(1), frozen_objects():
         for sensed in drive[:_NUM_WARM_UP]:
             runner.act(**sensed)
         runs = np.array(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -65,11 +66,12 @@ def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray
         with threads(task.num_threads):
             task.work()
     order = list(tasks.items())
-    for _ in range(budget.repeats):
-        for name, task in order:
-            with threads(task.num_threads):
-                rates[name].append(_rate(task.work, budget.seconds))
-        order.reverse()
+    with frozen_objects():
+        for _ in range(budget.repeats):
+            for name, task in order:
+                with threads(task.num_threads):
+                    rates[name].append(_rate(task.work, budget.seconds))
+            order.reverse()
     return {name: np.array(values) for name, values in rates.items()}
 
 
@@ -98,3 +100,17 @@ def threads(count: int) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+@contextmanager
+def frozen_objects() -> Iterator[None]:
+    """Keep the garbage collector from what exists by now, as ``navrl-train`` does.
+
+    Torch's modules are some hundred thousand objects, and to walk them takes milliseconds.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

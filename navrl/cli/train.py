@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 from pathlib import Path
@@ -32,7 +33,10 @@ def main(cfg: DictConfig) -> float:
         return json.loads(summary.read_text())["success_rate"]
     record_command(folder)
     build.set_threads(cfg)
-    progress = build.make_trainer(cfg, folder).run()
+    trainer = build.make_trainer(cfg, folder)
+    gc.collect()
+    gc.freeze()  # all that is there by now stays: no need to look for garbage in it, over and over
+    progress = trainer.run()
     log.info(
         "%d frames, %d updates, %d episodes in %.0f s",
         progress.frames,
