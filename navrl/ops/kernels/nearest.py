@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from navrl.ops.kernels.compiler import scalar
+from navrl.ops.kernels.compiler import reordering_scalar, scalar
 
 WINDOW = 17  # points; at 2 deg a point this is +-16 deg around the expected bearing
 MARGIN = 8  # points by which the window is widened on both sides
@@ -77,7 +77,7 @@ def first_column(shift, num_target):
 def column_search(width):
     """Make a search of ``width`` columns; the compiler unrolls up to some twenty of them."""
 
-    @scalar
+    @reordering_scalar
     def search_columns(x, y, target_x, target_y, first, squared, match):
         """Lower the smallest squared distance, and write its column, for points [N] float32.
 
@@ -101,7 +101,7 @@ def column_search(width):
 search_window, search_margin = column_search(WINDOW), column_search(MARGIN)
 
 
-@scalar
+@reordering_scalar
 def find_unproved(
     x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unproved
 ):
