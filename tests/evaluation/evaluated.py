@@ -9,7 +9,8 @@ from navrl.evaluation import wilson_interval
 def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, **changes):
     """Write the two files for episodes with these outcomes; ``changes`` go into the summary.
 
-    Episode i takes 10 + i s and ``delay``; ``time_to_goal_s="{time}"`` writes that column too.
+    Episode i takes 10 + i s and ``delay``; ``time_to_goal_s="{time}"`` writes that column too,
+    and as many m of path, also of the episodes that were lost.
     """
     folder.mkdir(parents=True)
     rows = [
@@ -18,6 +19,7 @@ def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0
     ]
     if time_to_goal_s is not None:
         for row in rows:
+            row["path_length_m"] = row["time_s"]
             won = row["outcome"] == "success"
             row["time_to_goal_s"] = time_to_goal_s.format(time=row["time_s"]) if won else ""
     with (folder / "episodes.csv").open("w", newline="") as file:

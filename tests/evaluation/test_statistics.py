@@ -106,6 +106,10 @@ def test_seeds_are_drawn_within_each_task():
     assert found.low >= 0.5 and found.high <= 0.52
     spread = stratified_bootstrap(np.array([[0.2], [0.5], [0.8], [0.9]]))
     assert spread.high - spread.low > 0.2
+    opposite = stratified_bootstrap(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    assert opposite.high - opposite.low > 0.5  # drawn together they would always cancel
+    lucky = stratified_bootstrap(np.array([[0.5]] * 11 + [[0.0]]))
+    assert (lucky.value, lucky.low) == (0.5, 0.5)  # a mean would follow the one that failed
     single = stratified_bootstrap(np.array([[0.4, 0.6]]))
     assert math.isnan(single.low) and single.n == 1
     with pytest.raises(ValueError, match="scores"):
