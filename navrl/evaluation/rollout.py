@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import torch
@@ -37,6 +38,19 @@ class Preparing(Protocol):
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write a normalised action."""
+
+
+class Recorder(Protocol):
+    """Sees every chunk that is played side by side, e.g. to keep its episodes. It only reads."""
+
+    def begin(self, chunk: range) -> None:
+        """Episodes ``chunk`` begin, one a world; after an error some begin once more."""
+
+    def __call__(self, stepped: TensorDictBase) -> None:
+        """A batch of transitions."""
+
+    def end(self, chunk: range, records: list[EpisodeRecord]) -> None:
+        """They ended as ``records`` say; never called of a chunk that raised."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +90,8 @@ def evaluate(
     scenarios: ScenarioBatch,
     on_step: Callable[[TensorDictBase], None] | None = None,
     on_chunk: Callable[[int], None] | None = None,
+    recorder: Recorder | None = None,
+    chunks: Iterable[range] | None = None,
 ) -> list[EpisodeRecord]:
     """Play each scenario once.
 
@@ -88,18 +104,25 @@ def evaluate(
         on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
             with those of its neighbours once more.
         on_chunk: Called with the number of episodes finished since the last call.
+        recorder: Told of each chunk and its transitions.
+        chunks: Which episodes to play side by side; by default all, N at a time
+            (:func:`side_by_side`).
 
     Returns:
-        A record per scenario, in order.
+        A record per scenario played, in order.
     """
-    size = env.batch_size.numel()
     records: list[EpisodeRecord] = []
-    for first in range(0, len(scenarios), size):
-        chunk = range(first, min(first + size, len(scenarios)))
-        records += _play_chunk(env, policy, scenarios, chunk, on_step)
+    for chunk in side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks:
+        records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder)
         if on_chunk is not None:
             on_chunk(len(chunk))
     return records
+
+
+def side_by_side(num_episodes: int, num_worlds: int) -> list[range]:
+    """Cut episodes into what is played at a time: always the same, so that results are."""
+    firsts = range(0, num_episodes, num_worlds)
+    return [range(first, min(first + num_worlds, num_episodes)) for first in firsts]
 
 
 def _play_chunk(
@@ -108,6 +131,7 @@ def _play_chunk(
     scenarios: ScenarioBatch,
     chunk: range,
     on_step: Callable[[TensorDictBase], None] | None,
+    recorder: Recorder | None,
 ) -> list[EpisodeRecord]:
     """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
 
@@ -116,15 +140,22 @@ def _play_chunk(
     """
     rows = torch.arange(chunk.start, chunk.start + env.batch_size.numel())
     batch = scenarios[rows.clamp_max(chunk[-1])]
+    if recorder is not None:
+        recorder.begin(chunk)
+    watchers = [watcher for watcher in (on_step, recorder) if watcher is not None]
     try:
-        tally = _play(env, policy, batch, on_step)
+        tally = _play(env, policy, batch, watchers)
     except Exception:
         if len(chunk) == 1:
             return [_failed(batch, chunk.start, traceback.format_exc())]
         middle = len(chunk) // 2
         halves = chunk[:middle], chunk[middle:]
-        return [r for half in halves for r in _play_chunk(env, policy, scenarios, half, on_step)]
-    return [_record(tally, batch, row, index) for row, index in enumerate(chunk)]
+        play = partial(_play_chunk, env, policy, scenarios, on_step=on_step, recorder=recorder)
+        return [record for half in halves for record in play(chunk=half)]
+    records = [_record(tally, batch, row, index) for row, index in enumerate(chunk)]
+    if recorder is not None:
+        recorder.end(chunk, records)
+    return records
 
 
 @dataclass
@@ -147,7 +178,7 @@ def _play(
     env: TransformedEnv,
     policy: Callable[[TensorDictBase], TensorDictBase],
     batch: ScenarioBatch,
-    on_step: Callable[[TensorDictBase], None] | None,
+    watchers: Sequence[Callable[[TensorDictBase], None]],
 ) -> _Tally:
     base = env.base_env
     base.set_scenarios(batch)
@@ -167,8 +198,8 @@ def _play(
         running = torch.ones_like(zeros, dtype=torch.bool)
         while bool(running.any()):
             stepped = env.step(policy(carrier))
-            if on_step is not None:
-                on_step(stepped)
+            for watcher in watchers:
+                watcher(stepped)
             running = _count(tally, running, stepped)
             carrier = step_mdp(stepped)
     return tally.cpu()

@@ -59,7 +59,7 @@ class FrontalApproach(_Hallway):
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
         """Draw who is met: they come from the goal, up to 0.2 m beside the path."""
-        route = path[::-1] + [0.0, generator.uniform(-0.2, 0.2)]
+        route = path[::-1] + np.array([0.0, generator.uniform(-0.2, 0.2)])
         speed = generator.uniform(*self.speed)
         return [meeting(generator, route, speed, path, generator.uniform(0.4, 0.6))]
 
@@ -119,5 +119,5 @@ class Overtaking(_Hallway):
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
         """Draw who is met: they begin 1.5 to 2 m ahead, up to 0.2 m beside the path."""
         ahead = round(generator.uniform(15, 20))
-        route = path[ahead:] + [0.0, generator.uniform(-0.2, 0.2)]
+        route = path[ahead:] + np.array([0.0, generator.uniform(-0.2, 0.2)])
         return [Pedestrian(route[[0, -1]], float(generator.uniform(*self.speed)), 0.0)]
