@@ -1,4 +1,4 @@
-"""Frozen suites are what they were, sweeps vary one thing alone, and cards bring about encounters."""
+"""Frozen suites are what they were, sweeps vary one thing alone, cards bring about encounters."""
 
 import dataclasses
 import json
@@ -67,7 +67,7 @@ def test_what_is_frozen_is_what_can_be_played():
 )
 @pytest.mark.parametrize("indices", [None, [3]], ids=["all", "one"])
 def test_another_episode_under_a_frozen_name_is_refused(change, indices):
-    with pytest.raises(FrozenSuiteError, match="suite table1, version 1.*expected .*found ") as it:
+    with pytest.raises(FrozenSuiteError, match=r"suite table1, version 1.*expected .*found ") as it:
         suite("suite=table1_200", change).scenarios(indices)
     assert "suite.version=null" in str(it.value)
     assert indices is None or "1 of 1 differ: [3]" in str(it.value)
