@@ -35,7 +35,11 @@ def test_bad_arguments_are_named(bad):
 
 @pytest.fixture(scope="module")
 def cfg():
-    people = ["suite.distribution.num_dynamic=[0,0]", "suite.distribution.num_static=[0,0]"]
+    people = [
+        "suite.version=null",
+        "suite.distribution.num_dynamic=[0,0]",
+        "suite.distribution.num_static=[0,0]",
+    ]
     return compose("train", ["experiment=subgoal", "num_threads=1", *people])
 
 
