@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
@@ -12,13 +14,13 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl.build.environment import make_device, make_env, make_navigation_env, num_threads
+from navrl.build.playing import finish, play_suite
 from navrl.build.run_folder import claim_folder, flat_values
 from navrl.config import CONF_DIR, instantiate
-from navrl.evaluation import evaluate, summarize, write_results
+from navrl.evaluation import summarize, write_results
+from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.policies import ZOO, load_bundle, zoo_names
-from navrl.progress_bar import progress_bar
-from navrl.worlds import ScenarioBatch
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,25 @@ def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contende
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
     actor = actor.to(make_device(cfg))
     own = {part: bundle.config[part] for part in ("transforms", "lidar", "robot")}
-    name = folder.name if folder.name != "policy" else folder.parent.name
-    return Contender(name, actor, _environment(_replaced(cfg, OmegaConf.merge(own, cfg.change))))
+    return Contender(
+        _policy_name(cfg), actor, _environment(_replaced(cfg, OmegaConf.merge(own, cfg.change)))
+    )
+
+
+def _policy_name(cfg: DictConfig) -> str:
+    """Return what the policy is called: a training's folder by its own name."""
+    folder = bundle_folder(cfg.policy)
+    if folder is None:
+        return cfg.policy
+    return folder.name if folder.name != "policy" else folder.parent.name
+
+
+def _weights_hash(bundle: Path | None) -> str:
+    """Tell a bundle's weights and configuration from others'."""
+    if bundle is None:
+        return ""
+    files = (bundle / name for name in ("config.yaml", "weights.safetensors"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def _controller(cfg: DictConfig) -> Contender:
@@ -108,24 +127,24 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     Returns:
         The summary.
     """
-    contender = make_contender(cfg)
     suite = instantiate(cfg.suite)
     scenarios = suite.scenarios(num_workers=num_threads(cfg))
-    with progress_bar(len(scenarios), "episode", enabled=cfg.progress_bar) as bar:
-        records = evaluate(
-            contender.env, contender.policy, ScenarioBatch.pack(scenarios), on_chunk=bar.update
-        )
-    contender.env.close()
+    bundle = bundle_folder(cfg.policy)
+    attends = bundle is not None and cfg.get("recordings", "none") != "none"
+    make = partial(make_contender, with_attention=attends)
+    records = play_suite(cfg, scenarios, folder, make, _weights_hash(bundle))
     summary = summarize(
         records,
-        policy=contender.name,
+        policy=_policy_name(cfg),
         suite=suite.name,
         suite_hash=suite.hash(scenarios),
         simulator=cfg.simulator["_target_"].rpartition(".")[2],
     )
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
+    write_errors(folder, records, scenarios)
     write_results(folder, records, summary)
+    finish(folder)
     return summary
 
 
@@ -139,6 +158,8 @@ def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
     file, bundle = folder / "summary.json", bundle_folder(cfg.policy)
     if not file.is_file():
         return None
+    if cfg.get("recordings", "none") != "none" and not (folder / "recordings").is_dir():
+        return None  # played without being kept
     if bundle and (bundle / "weights.safetensors").stat().st_mtime > file.stat().st_mtime:
         return None  # trained on since
     return json.loads(file.read_text())

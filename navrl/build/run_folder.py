@@ -9,8 +9,8 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 _FILE = "config.yaml"
-_HARMLESS = ("num_threads", "num_processes", "progress_bar", "recordings", "resume")  # change no
-# result, nor does what checks one:
+# Neither how it is played, nor what is kept or checked of it, changes a result.
+_HARMLESS = ("num_threads", "num_processes", "progress_bar", "recordings", "resume")
 _CHECKS = ("suite.version",)
 
 
@@ -46,12 +46,17 @@ def flat_values(cfg: DictConfig) -> dict[str, Any]:
     return dict(_leaves(OmegaConf.to_container(cfg, resolve=False)))
 
 
+def result_values(cfg: DictConfig) -> dict[str, Any]:
+    """Return the values of :func:`flat_values` that may change a result."""
+    return {name: value for name, value in flat_values(cfg).items() if _matters(name)}
+
+
+def _matters(name: str) -> bool:
+    return name.split(".")[0] not in _HARMLESS and name not in _CHECKS
+
+
 def _differences(there: dict[str, Any], here: dict[str, Any]) -> list[str]:
-    names = [
-        name
-        for name in {**there, **here}
-        if name.split(".")[0] not in _HARMLESS and name not in _CHECKS
-    ]
+    names = [name for name in {**there, **here} if _matters(name)]
     return [
         f"{name} is {there.get(name, 'missing')} there and {here.get(name, 'missing')} here"
         for name in names

@@ -10,6 +10,7 @@ from omegaconf import DictConfig
 
 from navrl import build
 from navrl.config import hydra_main
+from navrl.evaluation.recording import Recording
 from navrl.viz import save_gif, save_png
 
 log = logging.getLogger(__name__)
@@ -19,9 +20,12 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> None:
     """Record an episode and draw it."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    build.set_threads(cfg)
-    recording = build.record(cfg)
-    recording.save(folder / "episode.npz")
+    if cfg.recording is not None:
+        recording = Recording.load(cfg.recording)
+    else:
+        build.set_threads(cfg)
+        recording = build.record(cfg)
+        recording.save(folder / "episode.npz")
     save_gif(recording, folder / "episode.gif", cfg.frames_per_s)
     save_png(recording, folder / "episode.png")
     log.info("%s after %d steps; %s", recording.outcome, recording.num_steps, folder)

@@ -14,13 +14,14 @@ from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
-from navrl.envs import Outcome
+from navrl.envs import NavigationEnv, Outcome
 from navrl.evaluation.rollout import ERROR, evaluate
+from navrl.evaluation.rounding import restored, rounded
 from navrl.worlds import Scenario, ScenarioBatch
 
 _FORMAT = "navrl-recording-1"
 _TERM = f"{keys.REWARD_TERMS}/"
-_OBSERVED = {  # feature shape after time; None is any size
+OBSERVED = {  # feature shape after time; None is any size
     keys.POSE: (3,),
     keys.PEDESTRIAN_BOXES: (None, 5),
     keys.RANGES: (None,),
@@ -30,7 +31,7 @@ _OBSERVED = {  # feature shape after time; None is any size
     keys.TAGD_VALID: (None, 2),
     keys.WAYPOINTS: (None, 2),
 }
-_DECIDED = {
+DECIDED = {
     keys.ACTION: (2,),
     keys.SPATIAL_ATTENTION: (None,),
     keys.TEMPORAL_ATTENTION: (None,),
@@ -100,8 +101,8 @@ class Recording:
     def __post_init__(self) -> None:
         steps = self.num_steps
         expected = {"walls": (None, 5), "path": (None, 2), "goal": (2,)}
-        expected |= {name: (steps + 1, *shape) for name, shape in _OBSERVED.items()}
-        expected |= {name: (steps, *shape) for name, shape in _DECIDED.items()}
+        expected |= {name: (steps + 1, *shape) for name, shape in OBSERVED.items()}
+        expected |= {name: (steps, *shape) for name, shape in DECIDED.items()}
         arrays = {name: getattr(self, name) for name in expected}
         for name, term in self.reward_terms.items():
             expected[_TERM + name], arrays[_TERM + name] = (steps,), term
@@ -109,13 +110,43 @@ class Recording:
             if array is not None:
                 _check_shape(name, array, expected[name])
 
+    @classmethod
+    def of_episode(
+        cls, scenario: Scenario, outcome: str, env: NavigationEnv, **series: object
+    ) -> Recording:
+        """Join what is known of an episode's world, of ``env``'s robot and lidar, and the series.
+
+        Args:
+            scenario: What was played.
+            outcome: How it ended.
+            env: Where.
+            series: The arrays over time, by their names here.
+        """
+        return cls(
+            scenario=scenario.to_json(),
+            outcome=outcome,
+            time_step_s=float(env.simulator.time_step_s),
+            robot_radius=float(env.simulator.robot.radius),
+            goal_radius=float(env.goal_radius),
+            max_range=float(env.simulator.lidar.max_range),
+            walls=np.array(scenario.boxes),
+            path=np.array(scenario.path),
+            goal=np.array(scenario.goal),
+            **series,
+        )
+
     @property
     def num_steps(self) -> int:
         """T."""
         return len(self.action)
 
-    def save(self, file: str | Path) -> None:
+    def save(self, file: str | Path, compact: bool = False) -> None:
         """Write one compressed ``.npz`` that numpy alone can read.
+
+        Args:
+            file: Where to.
+            compact: Whether scans, points and attention are rounded, for half the size
+                (:mod:`navrl.evaluation.rounding`); all else stays exact.
 
         Raises:
             ValueError: If the name does not end in ``.npz``.
@@ -125,7 +156,7 @@ class Recording:
         values = {name: value for name, value in vars(self).items() if value is not None}
         terms = values.pop(keys.REWARD_TERMS)
         values |= {_TERM + name: term for name, term in terms.items()}
-        np.savez_compressed(file, format=_FORMAT, **values)
+        np.savez_compressed(file, format=_FORMAT, **(rounded(values) if compact else values))
 
     @classmethod
     def load(cls, file: str | Path) -> Recording:
@@ -137,7 +168,7 @@ class Recording:
         """
         try:
             with np.load(file, allow_pickle=False) as archive:
-                stored = {name: archive[name] for name in archive.files}
+                stored = restored({name: archive[name] for name in archive.files})
         except (AttributeError, TypeError, ValueError, zipfile.BadZipFile) as error:
             raise ValueError(f"{file}: no recording of navrl ({error})") from error
         if str(stored.pop("format", "")) != _FORMAT:
@@ -177,9 +208,9 @@ class EpisodeRecorder:
         before, after = stepped[self._row], stepped["next"][self._row]
         self._contact = int(after[keys.CONTACT])
         if not self._series:
-            self._append(before, _OBSERVED)
-        self._append(after, _OBSERVED)
-        self._append(before, [name for name in _DECIDED if name != keys.ACTION])
+            self._append(before, OBSERVED)
+        self._append(after, OBSERVED)
+        self._append(before, [name for name in DECIDED if name != keys.ACTION])
         command = self._env.transform.inv(stepped.exclude("next"))[keys.ACTION]
         self._series[keys.ACTION].append(_copy(command[self._row]))
         for name, term in after[keys.REWARD_TERMS].items():
@@ -194,24 +225,13 @@ class EpisodeRecorder:
         """
         if self._outcome == Outcome.RUNNING:
             raise ValueError("the episode has not ended")
-        base, scenario = self._env.base_env, self._scenario
         series = {name: np.stack(rows) for name, rows in self._series.items()}
         names = [name for name in series if name.startswith(_TERM)]
         series["contact"] = self._contact
         terms = {name.removeprefix(_TERM): series.pop(name) for name in names}
-        return Recording(
-            scenario=scenario.to_json(),
-            outcome=self._outcome.name.lower(),
-            time_step_s=float(base.simulator.time_step_s),
-            robot_radius=float(base.simulator.robot.radius),
-            goal_radius=float(base.goal_radius),
-            max_range=float(base.simulator.lidar.max_range),
-            walls=np.array(scenario.boxes),
-            path=np.array(scenario.path),
-            goal=np.array(scenario.goal),
-            reward_terms=terms,
-            **series,
-        )
+        outcome = self._outcome.name.lower()
+        base = self._env.base_env
+        return Recording.of_episode(self._scenario, outcome, base, reward_terms=terms, **series)
 
     def _append(self, step: TensorDictBase, names: list[str] | dict[str, tuple]) -> None:
         for name in names:

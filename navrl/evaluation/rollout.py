@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
@@ -41,6 +41,19 @@ class Preparing(Protocol):
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write a normalised action."""
+
+
+class Recorder(Protocol):
+    """Sees every chunk that is played side by side, e.g. to keep its episodes. It only reads."""
+
+    def begin(self, chunk: range) -> None:
+        """Episodes ``chunk`` begin, one a world; after an error some begin once more."""
+
+    def __call__(self, stepped: TensorDictBase) -> None:
+        """A batch of transitions."""
+
+    def end(self, chunk: range, records: list[EpisodeRecord]) -> None:
+        """They ended as ``records`` say; never called of a chunk that raised."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +104,8 @@ def evaluate(
     scenarios: ScenarioBatch,
     on_step: Callable[[TensorDictBase], None] | None = None,
     on_chunk: Callable[[int], None] | None = None,
-    on_start: Callable[[range], None] | None = None,
+    recorder: Recorder | None = None,
+    chunks: Iterable[range] | None = None,
 ) -> list[EpisodeRecord]:
     """Play each scenario once.
 
@@ -104,20 +118,25 @@ def evaluate(
         on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
             with those of its neighbours once more.
         on_chunk: Called with the number of episodes finished since the last call.
-        on_start: Called before each reset with the rows of ``scenarios`` that worlds 0, 1, ... are
-            about to play; a repetition after an error starts again.
+        recorder: Told of each chunk and its transitions.
+        chunks: Which episodes to play side by side; by default all, N at a time
+            (:func:`side_by_side`).
 
     Returns:
-        A record per scenario, in order.
+        A record per scenario played, in order.
     """
-    size = env.batch_size.numel()
     records: list[EpisodeRecord] = []
-    for first in range(0, len(scenarios), size):
-        chunk = range(first, min(first + size, len(scenarios)))
-        records += _play_chunk(env, policy, scenarios, chunk, on_step, on_start)
+    for chunk in side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks:
+        records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder)
         if on_chunk is not None:
             on_chunk(len(chunk))
     return records
+
+
+def side_by_side(num_episodes: int, num_worlds: int) -> list[range]:
+    """Cut episodes into what is played at a time: always the same, so that results are."""
+    firsts = range(0, num_episodes, num_worlds)
+    return [range(first, min(first + num_worlds, num_episodes)) for first in firsts]
 
 
 def _play_chunk(
@@ -126,7 +145,7 @@ def _play_chunk(
     scenarios: ScenarioBatch,
     chunk: range,
     on_step: Callable[[TensorDictBase], None] | None,
-    on_start: Callable[[range], None] | None,
+    recorder: Recorder | None,
 ) -> list[EpisodeRecord]:
     """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
 
@@ -135,22 +154,26 @@ def _play_chunk(
     """
     rows = torch.arange(chunk.start, chunk.start + env.batch_size.numel())
     batch = scenarios[rows.clamp_max(chunk[-1])]
-    if on_start is not None:
-        on_start(chunk)
+    if recorder is not None:
+        recorder.begin(chunk)
+    watchers = [watcher for watcher in (on_step, recorder) if watcher is not None]
     try:
-        series, solved = _play(env, policy, batch, on_step)
+        series, solved = _play(env, policy, batch, watchers)
     except Exception:
         if len(chunk) == 1:
             return [_failed(batch, chunk.start, traceback.format_exc())]
         middle = len(chunk) // 2
-        play = partial(_play_chunk, env, policy, scenarios, on_step=on_step, on_start=on_start)
-        return [r for half in (chunk[:middle], chunk[middle:]) for r in play(half)]
-    played = torch.arange(len(chunk))
-    trajectory = series.trajectory(env, batch[played], len(chunk))
+        halves = chunk[:middle], chunk[middle:]
+        play = partial(_play_chunk, env, policy, scenarios, on_step=on_step, recorder=recorder)
+        return [record for half in halves for record in play(chunk=half)]
+    trajectory = series.trajectory(env, batch[torch.arange(len(chunk))], len(chunk))
     metrics = {name: values.tolist() for name, values in measure(trajectory).items()}
-    return [
+    records = [
         _record(trajectory, metrics, batch, row, index, solved) for row, index in enumerate(chunk)
     ]
+    if recorder is not None:
+        recorder.end(chunk, records)
+    return records
 
 
 class _Series:
@@ -197,7 +220,7 @@ def _play(
     env: TransformedEnv,
     policy: Callable[[TensorDictBase], TensorDictBase],
     batch: ScenarioBatch,
-    on_step: Callable[[TensorDictBase], None] | None,
+    watchers: Sequence[Callable[[TensorDictBase], None]],
 ) -> tuple[_Series, Tensor | None]:
     env.base_env.set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
@@ -209,8 +232,8 @@ def _play(
             decided = policy(carrier)
             with torch_on_one_thread():
                 stepped = env.step(decided)
-            if on_step is not None:
-                on_step(stepped)
+            for watcher in watchers:
+                watcher(stepped)
             series.add(stepped)
             carrier = step_mdp(stepped)
     return series, solved

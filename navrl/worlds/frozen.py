@@ -73,11 +73,11 @@ class FrozenEpisodes:
             return
         pairs = zip(indices, scenarios, strict=True)
         different = [index for index, one in pairs if self.digests[index] != _digest(one)]
+        share = f"{len(different)} of {len(scenarios)} differ: {_short(str(different))}"
         raise FrozenSuiteError(
             f"{whose}: these are not the frozen episodes, expected {_short(want)}, found "
-            f"{_short(got)}; {len(different)} of {len(scenarios)} differ: "
-            f"{_short(str(different))}; "
-            "a suite of other episodes needs another suite.name and suite.version=null"
+            f"{_short(got)}; {share}; a suite of other episodes needs another "
+            "suite.name and suite.version=null"
         )
 
     def save(self, folder: Path = FROZEN) -> Path:

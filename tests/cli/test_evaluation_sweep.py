@@ -11,8 +11,10 @@ from navrl.cli.sweeps import expand_policies
 from navrl.config import compose, folder_name
 
 TINY = [
-    *("suite=smoke", "suite.num_episodes=3", "num_worlds=3", "num_threads=1"),
-    *("environment.time_limit_steps=8", "progress_bar=false", "hydra.sweep.dir=sweep"),
+    "suite=smoke",
+    *("suite.num_episodes=3", "num_worlds=3", "num_threads=1"),
+    *("environment.time_limit_steps=8", "progress_bar=false"),
+    "hydra.sweep.dir=sweep",
 ]
 
 
@@ -74,3 +76,27 @@ def test_folder_names_are_short_and_distinct():
     assert len(set(long)) == 2 and max(map(len, long)) <= 120
     assert folder_name("speed=[0.4,0.6]") == "speed=0.4,0.6"
     assert folder_name("../..") == "job"
+
+
+def test_a_sweep_over_suites_by_one_word(tmp_path):
+    words = ["sweep=speed", "policy=stand_still", "suite=speed_corridor,speed_office"]
+    words += ["suite.distribution.speed=[0.2,0.2],[1.0,1.0]", *TINY[1:-1]]
+    done = evaluate(tmp_path, *words, "hydra.sweep.dir=outputs/evaluate/speed")
+    assert done.returncode == 0, done.stderr[-3000:]
+    tables = json.loads((tmp_path / "outputs/evaluate/speed/comparison.json").read_text())
+    assert {table["suite"] for table in tables} == {
+        *("speed_corridor_0.2", "speed_corridor_1.0", "speed_office_0.2", "speed_office_1.0")
+    }
+
+
+def test_a_sweep_over_suites_trains_nothing(tmp_path):
+    result = subprocess.run(
+        [sys.executable, "-m", "navrl.cli.train", "-m", "sweep=speed"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert result.returncode == 2
+    assert "policy" in result.stderr.splitlines()[-1]
+    assert not list(tmp_path.rglob("metrics.csv"))

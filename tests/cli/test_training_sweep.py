@@ -9,7 +9,11 @@ from omegaconf import OmegaConf
 
 from navrl.config import CONF_DIR, compose
 
-SWEEPS = sorted(path.stem for path in (CONF_DIR / "sweep").glob("*.yaml"))
+SWEEPS = sorted(
+    path.stem
+    for path in (CONF_DIR / "sweep").glob("*.yaml")
+    if "experiment" in OmegaConf.load(path).hydra.sweeper.params  # the others are evaluated
+)
 TINY = [
     *("num_worlds=2", "num_threads=1", "pool_size=2", "scenario=corridor", "network=small"),
     *("replay.batch_size=4", "replay.capacity=100", "validation.num_episodes=2"),

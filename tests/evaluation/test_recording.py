@@ -147,8 +147,9 @@ def test_what_a_policy_does_not_make_is_none(tmp_path, env, scenario):
 
 
 def test_other_worlds_going_on_add_nothing(env, scenario):
-    twice = ScenarioBatch.pack([scenario, scenario])
-    first, second = (EpisodeRecorder(env, scenario, row) for row in (0, 1))
+    noisier = dataclasses.replace(scenario, noise_seed=scenario.noise_seed + 1)  # other draws too
+    twice = ScenarioBatch.pack([scenario, noisier])
+    first, second = (EpisodeRecorder(env, one, k) for k, one in enumerate((scenario, noisier)))
 
     def both(stepped):
         first(stepped)

@@ -35,8 +35,12 @@ def test_bad_arguments_are_named(bad):
 
 @pytest.fixture(scope="module")
 def cfg():
-    people = ["suite.distribution.num_dynamic=[0,0]", "suite.distribution.num_static=[0,0]"]
-    return compose("train", ["experiment=subgoal", "num_threads=1", "suite.version=null", *people])
+    people = [
+        "suite.version=null",
+        "suite.distribution.num_dynamic=[0,0]",
+        "suite.distribution.num_static=[0,0]",
+    ]
+    return compose("train", ["experiment=subgoal", "num_threads=1", *people])
 
 
 def test_reaches_goals_where_nobody_is(cfg):

@@ -8,6 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from navrl import keys
 from navrl.sim import DifferentialDrive
+from navrl.worlds import ScenarioBatch
 
 
 class StandStill(TensorDictModuleBase):
@@ -37,7 +38,8 @@ class StandStill(TensorDictModuleBase):
 class UniformRandom(TensorDictModuleBase):
     """Draw each action uniformly within the limits.
 
-    All worlds share one stream of draws: an episode is the same again only beside the same others.
+    Once :meth:`prepare` was called each world has draws of its own, fixed by its scenario: an
+    episode is the same whatever is played beside or before it. Until then all share one stream.
 
     Args:
         robot: Unused; taken so that all classical controllers are built alike.
@@ -47,10 +49,18 @@ class UniformRandom(TensorDictModuleBase):
     def __init__(self, robot: DifferentialDrive | None = None, seed: int = 0) -> None:
         super().__init__()
         self.in_keys, self.out_keys = [], [keys.ACTION]
-        self._generator = torch.Generator().manual_seed(seed)
+        self._seed = seed
+        self._generators = [torch.Generator().manual_seed(seed)]
+
+    def prepare(self, scenarios: ScenarioBatch) -> None:
+        """Begin the draws of each scenario's episode."""
+        seeds = [(self._seed << 32) + noise for noise in scenarios.noise_seed.tolist()]
+        self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the normalised action ``[*B, 2]``."""
-        shape = (*tensordict.batch_size, 2)
-        action = torch.rand(shape, generator=self._generator) * 2 - 1
-        return tensordict.set(keys.ACTION, action.to(tensordict.device))
+        if list(tensordict.batch_size) == [len(self._generators)]:
+            draws = torch.stack([torch.rand(2, generator=own) for own in self._generators])
+        else:
+            draws = torch.rand((*tensordict.batch_size, 2), generator=self._generators[0])
+        return tensordict.set(keys.ACTION, (draws * 2 - 1).to(tensordict.device))

@@ -88,6 +88,7 @@ class ObstructedDoorway(_Doorway):
         self.aside = check_range("aside", aside)
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who stands in the way."""
-        y = generator.uniform(*self.aside) * generator.choice([-1.0, 1.0])
+        """Draw who stands in the way: on the side of the doorway that the path takes."""
+        side = 1.0 if path[np.abs(path[:, 0]).argmin(), 1] >= 0 else -1.0
+        y = generator.uniform(*self.aside) * side
         return [Pedestrian(np.array([[generator.uniform(-0.1, 0.1), y]]), 0.0, 0.0)]

@@ -1,0 +1,162 @@
+"""Play a suite chunk by chunk, in this process or in several, and go on where it was cut off."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_all_start_methods, get_context
+from pathlib import Path
+from typing import Protocol
+
+from omegaconf import DictConfig
+from tensordict import TensorDictBase
+from torchrl.envs import TransformedEnv
+
+import navrl
+from navrl.build.environment import num_threads, set_threads
+from navrl.build.run_folder import result_values
+from navrl.config import set_default
+from navrl.evaluation import EpisodeRecord, evaluate
+from navrl.evaluation.archive import KEPT, EpisodeArchive
+from navrl.evaluation.rollout import side_by_side
+from navrl.evaluation.unfinished import FinishedChunks
+from navrl.progress_bar import progress_bar
+from navrl.worlds import Scenario, ScenarioBatch
+
+Chunk = tuple[range, list[EpisodeRecord]]
+
+
+class Playable(Protocol):
+    """A policy and the environment it plays in."""
+
+    policy: Callable[[TensorDictBase], TensorDictBase]
+    env: TransformedEnv
+
+
+def play_suite(
+    cfg: DictConfig,
+    scenarios: Sequence[Scenario],
+    folder: Path,
+    make: Callable[[DictConfig], Playable],
+    key: str,
+) -> list[EpisodeRecord]:
+    """Play every scenario once.
+
+    Episodes are cut into chunks of ``cfg.num_worlds`` that are played side by side, always the
+    same ones: so neither the number of processes nor an interruption changes a result.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml``.
+        scenarios: What to play.
+        folder: Of the evaluation: unfinished work and recordings go below it.
+        make: Builds policy and environment; called once in each process.
+        key: What the policy is made of beside ``cfg``, e.g. a hash of its weights.
+
+    Returns:
+        A record per scenario, in order.
+
+    Raises:
+        ValueError: If ``num_processes`` or ``recordings`` is not allowed.
+        RuntimeError: If a process ended by itself, e.g. for want of memory; what is finished stays.
+    """
+    processes, kept = cfg.get("num_processes", 1), cfg.get("recordings", "none")
+    if processes < 1:
+        raise ValueError(f"num_processes={processes}: must be >= 1")
+    if kept not in KEPT:
+        raise ValueError(f"recordings={kept}: must be one of {', '.join(KEPT)}")
+    finished = FinishedChunks(folder / "unfinished", _key(cfg, scenarios, key))
+    chunks = side_by_side(len(scenarios), cfg.num_worlds)
+    records = {chunk: finished.load(chunk) for chunk in chunks}
+    missing = [chunk for chunk, found in records.items() if found is None]
+    done = len(scenarios) - sum(map(len, missing))
+    with progress_bar(len(scenarios), "episode", initial=done, enabled=cfg.progress_bar) as bar:
+        arguments = (cfg, list(scenarios), folder, make)
+        for chunk, found in _play(arguments, missing, min(processes, len(missing))):
+            finished.save(chunk, found)
+            records[chunk] = found
+            bar.update(len(chunk))
+    return [record for chunk in chunks for record in records[chunk]]
+
+
+def finish(folder: Path) -> None:
+    """Remove what is kept only until the results are written."""
+    FinishedChunks(folder / "unfinished", "").clear()
+
+
+class _Player:
+    """A policy in its environment, and where its episodes are kept."""
+
+    def __init__(
+        self,
+        cfg: DictConfig,
+        scenarios: list[Scenario],
+        folder: Path,
+        make: Callable[[DictConfig], Playable],
+    ) -> None:
+        kept = cfg.get("recordings", "none")
+        self._batch, self._contender = ScenarioBatch.pack(scenarios), make(cfg)
+        self._recorder = None
+        if kept != "none":
+            place = folder / "recordings"
+            self._recorder = EpisodeArchive(self._contender.env, scenarios, place, kept)
+
+    def play(self, chunk: range) -> Chunk:
+        env, policy = self._contender.env, self._contender.policy
+        return chunk, evaluate(env, policy, self._batch, recorder=self._recorder, chunks=[chunk])
+
+    def close(self) -> None:
+        self._contender.env.close()
+
+
+def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chunk]:
+    """Yield chunks with their records as they are finished."""
+    if not chunks:
+        return
+    if processes == 1:
+        player = _Player(*arguments)
+        yield from map(player.play, chunks)
+        player.close()
+        return
+    cfg = arguments[0].copy()
+    set_default(cfg, "num_threads", max(1, num_threads(cfg) // processes))
+    # Never fork: this process may run threads of torch and of the kernels.
+    method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+    with ProcessPoolExecutor(
+        processes, get_context(method), _start, (cfg, *arguments[1:])
+    ) as workers:
+        try:
+            for job in as_completed([workers.submit(_play_in_worker, chunk) for chunk in chunks]):
+                yield job.result()
+        except BrokenProcessPool as error:
+            raise RuntimeError(
+                "a process of the evaluation ended by itself; the same command goes on after what "
+                "is finished"
+            ) from error
+        finally:
+            workers.shutdown(cancel_futures=True)
+
+
+_player: _Player | None = None
+
+
+def _start(*arguments: object) -> None:
+    """Prepare a worker process."""
+    global _player
+    set_threads(arguments[0])
+    _player = _Player(*arguments)
+
+
+def _play_in_worker(chunk: range) -> Chunk:
+    return _player.play(chunk)
+
+
+def _key(cfg: DictConfig, scenarios: Sequence[Scenario], key: str) -> str:
+    """Tell evaluations apart by all that determines their records."""
+    whole = hashlib.sha256(json.dumps(result_values(cfg), sort_keys=True, default=str).encode())
+    whole.update(f"{navrl.__version__} {key} {cfg.get('recordings', 'none')}".encode())
+    for scenario in scenarios:
+        whole.update(scenario.to_json().encode())
+    return whole.hexdigest()

@@ -1,0 +1,100 @@
+"""Every episode of an evaluation, or every one that was lost, kept as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from tensordict import TensorDictBase
+from torchrl.envs import TransformedEnv
+
+from navrl import keys
+from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
+from navrl.evaluation.rollout import EpisodeRecord
+from navrl.worlds import Scenario
+
+KEPT = ("none", "failures", "all")
+
+
+class EpisodeArchive:
+    """Save the episodes of all worlds, as the ``recorder`` of :func:`navrl.evaluation.evaluate`.
+
+    It only reads, so results are the same with and without it.
+
+    Args:
+        env: Environment that is played, with ``privileged=True``.
+        scenarios: All that is played, by index.
+        folder: Where ``<index>.npz`` go, read by :meth:`navrl.evaluation.recording.Recording.load`.
+        keep: ``failures``, all but successes; or ``all``.
+
+    Raises:
+        ValueError: If ``keep`` is neither.
+    """
+
+    def __init__(
+        self,
+        env: TransformedEnv,
+        scenarios: Sequence[Scenario],
+        folder: Path,
+        keep: str = "all",
+    ) -> None:
+        if keep not in KEPT[1:]:
+            raise ValueError(f"keep={keep}: must be one of {', '.join(KEPT[1:])}")
+        self._env, self._scenarios, self._folder = env, scenarios, folder
+        self._keep_all = keep == "all"
+        self.begin(range(0))
+
+    def begin(self, chunk: range) -> None:
+        """Forget what was collected before."""
+        self._observed: list[dict[str, np.ndarray]] = []
+        self._decided: list[dict[str, np.ndarray]] = []
+        self._terms: list[dict[str, np.ndarray]] = []
+
+    def __call__(self, stepped: TensorDictBase) -> None:
+        """Add a batch of transitions."""
+        after = stepped["next"]
+        if not self._observed:
+            self._observed.append(_copies(stepped, OBSERVED))
+        self._observed.append(_copies(after, OBSERVED))
+        # The environment's own action: what its transforms make of the policy's.
+        command = self._env.transform.inv(stepped.exclude("next"))
+        attention = [name for name in DECIDED if name != keys.ACTION]
+        decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
+        self._decided.append(decided)
+        terms = after[keys.REWARD_TERMS]
+        self._terms.append(_copies(terms, terms.keys()))
+
+    def end(self, chunk: range, records: list[EpisodeRecord]) -> None:
+        """Write the episodes that are wanted."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for row, record in enumerate(records):
+            if self._keep_all or record.outcome != "success":
+                file = self._folder / f"{record.index:06d}.npz"
+                fresh = file.with_name(f"{file.stem}.part.npz")
+                self._recording(row, record).save(fresh, compact=True)
+                fresh.replace(file)
+        self.begin(range(0))
+
+    def _recording(self, row: int, record: EpisodeRecord) -> Recording:
+        base, scenario = self._env.base_env, self._scenarios[record.index]
+        steps = record.steps
+        terms = {name: value[:, 0] for name, value in _series(self._terms[:steps], row).items()}
+        return Recording.of_episode(
+            scenario,
+            record.outcome,
+            base,
+            reward_terms=terms,
+            **_series(self._observed[: steps + 1], row),
+            **_series(self._decided[:steps], row),
+        )
+
+
+def _copies(step: TensorDictBase, names: Iterable[str]) -> dict[str, np.ndarray]:
+    found = {name: step.get(name, None) for name in names}
+    return {k: v.detach().cpu().numpy().copy() for k, v in found.items() if v is not None}
+
+
+def _series(steps: list[dict[str, np.ndarray]], row: int) -> dict[str, np.ndarray]:
+    """Return one world's rows of every array, stacked over time."""
+    return {name: np.stack([step[name][row] for step in steps]) for name in steps[0]}
