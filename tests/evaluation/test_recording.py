@@ -13,8 +13,9 @@ from navrl.config import compose, instantiate
 from navrl.evaluation import Trajectory, evaluate, measure
 from navrl.evaluation.recording import EpisodeRecorder, Recording, record_episode
 from navrl.networks import make_actor
-from navrl.policies.classical import PurePursuit, UniformRandom
-from navrl.worlds import Scenario, ScenarioBatch
+from navrl.policies.classical import PurePursuit, StandStill, UniformRandom
+from navrl.sim import Contact
+from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +81,15 @@ def test_metrics_of_a_recording_are_those_of_the_evaluation(tmp_path, env, polic
             assert np.array_equal(together[name][row], expected, equal_nan=True), name
     assert len({record.steps for record in records}) > 1
     assert len({record.outcome for record in records}) > 1
+
+
+def test_keeps_who_moved_into_whom(env, scenario):
+    robot = env.base_env.simulator.robot
+    walker = Pedestrian(scenario.path[[30, 0]], 1.0, 0.0)  # straight over the robot, which stands
+    scene = dataclasses.replace(scenario, pedestrians=(walker,))
+    found = record_episode(env, StandStill(robot), scene)
+    assert found.contact == Contact.RUN_INTO
+    assert measure(Trajectory.from_recordings([found], robot.max_speed))["run_into"] == [1.0]
 
 
 def test_recordings_of_different_robots_are_not_stacked(recording):
