@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from torch import Tensor, nn
 
-from navrl.networks.linear_relu import linear_relu
+from navrl.networks.fused_layers import Layer, can_fuse, fused_layers
 
 
 class Perceptron(nn.Sequential):
-    """Layers in order, a linear layer and the ReLU after it in one step."""
+    """Linear layers with or without a ReLU after each, taken together where that is faster."""
 
     def forward(self, value: Tensor) -> Tensor:
         """Return the last layer's output."""
-        waiting = None
-        for layer in self._modules.values():
-            if waiting is not None:
-                if isinstance(layer, nn.ReLU):
-                    value, waiting = linear_relu(value, waiting.weight, waiting.bias), None
-                    continue
-                value, waiting = waiting(value), None
-            if isinstance(layer, nn.Linear):
-                waiting = layer
-            else:
-                value = layer(value)
-        return value if waiting is None else waiting(value)
+        layers = _pairs(self._modules.values()) if can_fuse(value) else None
+        return fused_layers(value, layers) if layers else super().forward(value)
+
+
+def _pairs(modules: Iterable[nn.Module]) -> list[Layer] | None:
+    """Return each linear layer with whether a ReLU follows it; None if there are other modules."""
+    layers: list[Layer] = []
+    may_activate = False
+    for module in modules:
+        if isinstance(module, nn.Linear) and module.bias is not None:
+            layers.append((module.weight, module.bias, False))
+        elif isinstance(module, nn.ReLU) and may_activate:
+            layers[-1] = (*layers[-1][:2], True)
+        else:
+            return None
+        may_activate = isinstance(module, nn.Linear)
+    return layers
 
 
 def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) -> Perceptron:
