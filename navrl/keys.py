@@ -22,6 +22,8 @@ ICP_CONVERGED = "icp_converged"  # [*B, 1] bool
 ICP_INLIERS = "icp_inliers"  # [*B, 1] int64, matched pairs of the last iteration
 TAGD = "tagd"  # [*B, N_c, 4] m, (c_{t-1}, c_t), robot frame at t
 TAGD_VALID = "tagd_valid"  # [*B, N_c, 2] bool, whether the group at t-1 / t has points
+POINTS_HISTORY = "points_history"  # [*B, K, N, 2] m, scans t-1 to t-K, robot frame at t
+RANGES_HISTORY = "ranges_history"  # [*B, K + 1, N] m, scans t to t-K by bearing, frame t
 WAYPOINTS = "waypoints"  # [*B, N_f, 2] m, robot frame
 GOAL = "goal_position"  # [*B, 2] m, end of the path, robot frame
 PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projection on the path
@@ -32,6 +34,7 @@ SPATIAL_PREVIOUS_INPUT = "spatial_previous"  # [*B, N, 2], only for the NO-TAGD 
 TEMPORAL_INPUT = "temporal"  # [*B, N_c, 4]
 WAYPOINT_INPUT = "waypoint"  # [*B, N_f, 2]
 DISTANCE_INPUT = "distance"  # [*B, N] pooled ranges, what the baselines see of a scan
+DISTANCES_INPUT = "distances"  # [*B, K + 1, N] of now and of the past, aligned
 GOAL_INPUT = "goal"  # [*B, 2]
 
 # --- what the agent writes -----------------------------------------------------------------------

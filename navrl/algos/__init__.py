@@ -2,5 +2,6 @@
 
 from navrl.algos.ddpg import DDPG, NonFiniteUpdateError
 from navrl.algos.exploration import GaussianExploration
+from navrl.algos.td3 import TD3
 
-__all__ = ["DDPG", "GaussianExploration", "NonFiniteUpdateError"]
+__all__ = ["DDPG", "TD3", "GaussianExploration", "NonFiniteUpdateError"]

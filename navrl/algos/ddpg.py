@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import deepcopy
 from functools import partial
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor
-from torchrl.objectives import DDPGLoss, SoftUpdate
+from torchrl.objectives import DDPGLoss, LossModule, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
@@ -62,6 +63,8 @@ class DDPG:
         (Lillicrap et al., 2016); the paper leaves tau, the loss and clipping open.
     """
 
+    _critic_name = "value_network"
+
     def __init__(
         self,
         actor: TensorDictModule,
@@ -94,12 +97,10 @@ class DDPG:
         self.gamma = gamma
         self.max_gradient_norm = max_gradient_norm
         self._autocast_dtype = _PRECISIONS[precision]
-        self.loss = DDPGLoss(
-            actor, critic, loss_function=loss_function, delay_actor=True, delay_value=True
-        )
+        self.loss = self._make_loss(actor, critic, loss_function)
         self.loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
         self._actor_weights = list(self.loss.actor_network_params.parameters())
-        self._critic_weights = list(self.loss.value_network_params.parameters())
+        self._critic_weights = list(self._params(self._critic_name).parameters())
         self._check_graph(cuda_graph, fused_optimizer)
         adam = partial(adam_optimizer, fused=fused_optimizer, capturable=cuda_graph)
         self.actor_optimizer = adam(self._actor_weights, actor_learning_rate)
@@ -112,6 +113,16 @@ class DDPG:
         self.target_update = SoftUpdate(self.loss, tau=tau)
         self._online, self._targets = self._weight_pairs()
         self._captured = self._make_captured(tau) if cuda_graph else None
+
+    def _make_loss(
+        self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
+    ) -> LossModule:
+        return DDPGLoss(
+            actor, critic, loss_function=loss_function, delay_actor=True, delay_value=True
+        )
+
+    def _params(self, name: str) -> TensorDictParams:
+        return getattr(self.loss, f"{name}_params")
 
     def _check_graph(self, cuda_graph: bool, fused_optimizer: bool) -> None:
         device = self._actor_weights[0].device
@@ -130,8 +141,8 @@ class DDPG:
     def _weight_pairs(self) -> list[list[Tensor]]:
         """Return all weights and, in the same order, their targets."""
         pairs = [
-            (getattr(self.loss, name), getattr(self.loss, f"target_{name}"))
-            for name in ("actor_network_params", "value_network_params")
+            (self._params(name), self._params(f"target_{name}"))
+            for name in ("actor_network", self._critic_name)
         ]
         keys = [list(online.keys(True, True)) for online, _ in pairs]
         return [
@@ -173,10 +184,13 @@ class DDPG:
         scalars = self._gradients(batch)
         if not torch.stack(list(scalars.values())).isfinite().all():
             raise NonFiniteUpdateError(scalars, batch)
+        self._step()
+        return scalars
+
+    def _step(self) -> None:
         self.actor_optimizer.step()
         self.critic_optimizer.step()
         self._move_targets()
-        return scalars
 
     def _check_captured(self, wait: bool = False) -> None:
         failure = self._captured.failure(wait)
@@ -185,11 +199,7 @@ class DDPG:
 
     def _gradients(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """Leave clipped gradients in the weights; return the update's scalars."""
-        device = batch.device or self._actor_weights[0].device
-        with torch.autocast(
-            device.type, self._autocast_dtype, enabled=self._autocast_dtype is not None
-        ):
-            terms = self.loss(batch)
+        terms = self._losses(batch)
         self.actor_optimizer.zero_grad(set_to_none=True)
         self.critic_optimizer.zero_grad(set_to_none=True)
         # Only the two losses: DDPGLoss also returns a prediction that is not detached.
@@ -205,6 +215,16 @@ class DDPG:
             "gradient_norm_actor": actor_norm,
             "gradient_norm_critic": critic_norm,
         }
+
+    def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
+        """Return at least ``loss_actor``, ``loss_value``, ``pred_value`` and ``target_value``."""
+        with self._autocast(batch):
+            return self.loss(batch)
+
+    def _autocast(self, batch: TensorDictBase) -> torch.autocast:
+        device = batch.device or self._actor_weights[0].device
+        is_enabled = self._autocast_dtype is not None
+        return torch.autocast(device.type, self._autocast_dtype, enabled=is_enabled)
 
     def state_dict(self) -> dict:
         """Return weights, target weights and optimiser states.

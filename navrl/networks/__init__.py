@@ -2,13 +2,15 @@
 
 from navrl.networks.actor_critic import ActorNetwork, CriticNetwork, make_actor, make_critic
 from navrl.networks.attention import LocationAttention
+from navrl.networks.convolution import ConvAttentionStream, ConvStream
 from navrl.networks.encoder import AttentionStream, StreamEncoder
 from navrl.networks.mlp import mlp
-from navrl.networks.streams import ConvStream, VectorStream
+from navrl.networks.vector_stream import VectorStream
 
 __all__ = [
     "ActorNetwork",
     "AttentionStream",
+    "ConvAttentionStream",
     "ConvStream",
     "CriticNetwork",
     "LocationAttention",

@@ -9,6 +9,7 @@ from navrl.transforms.min_pool import MinPool
 from navrl.transforms.normalize import Normalize
 from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
+from navrl.transforms.range_history import RangeHistory
 from navrl.transforms.scan_history import ScanHistory
 from navrl.transforms.subgoal_action import SubgoalAction
 from navrl.transforms.tagd import TAGD
@@ -21,6 +22,7 @@ __all__ = [
     "MinPool",
     "Normalize",
     "ObservationMap",
+    "RangeHistory",
     "ScanHistory",
     "SubgoalAction",
     "Waypoints",

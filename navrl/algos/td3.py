@@ -1,0 +1,103 @@
+"""Twin delayed deep deterministic policy gradient: DDPG that trusts the lower of two values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor
+from torchrl.objectives import TD3Loss
+
+from navrl.algos.ddpg import DDPG
+
+
+class TD3(DDPG):
+    """TorchRL's TD3 loss behind the interface of :class:`navrl.algos.DDPG`.
+
+    Two critics learn from the lower of their two target values, taken at a target action with
+    noise; actor and targets move once in ``actor_delay`` updates.
+
+    Args:
+        actor: As for DDPG.
+        critic: As for DDPG; the second one starts from weights of the same range.
+        target_noise: Standard deviation of the noise on target actions, normalised units.
+        target_noise_clip: Largest noise, normalised units.
+        actor_delay: Updates of the critics an update of the actor.
+        **options: Those of DDPG but ``cuda_graph``.
+
+    Raises:
+        ValueError: If an argument is out of range.
+
+    Reference:
+        Fujimoto et al. (2018). Not in the paper, which trains with DDPG.
+    """
+
+    _critic_name = "qvalue_network"
+
+    def __init__(
+        self,
+        actor: TensorDictModule,
+        critic: TensorDictModule,
+        target_noise: float = 0.2,
+        target_noise_clip: float = 0.5,
+        actor_delay: int = 2,
+        **options: object,
+    ) -> None:
+        if min(target_noise, target_noise_clip) < 0 or actor_delay < 1:
+            raise ValueError(
+                f"target_noise={target_noise}, target_noise_clip={target_noise_clip}: must be "
+                f">= 0; actor_delay={actor_delay}: must be >= 1"
+            )
+        if options.pop("cuda_graph", False):
+            raise ValueError("cuda_graph=True: only DDPG can be recorded; set cuda_graph=False")
+        self._noise = target_noise, target_noise_clip
+        self.actor_delay = actor_delay
+        self.num_updates = 0
+        self._loss_actor = torch.zeros(())
+        super().__init__(actor, critic, **options)
+
+    def _make_loss(
+        self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
+    ) -> TD3Loss:
+        return TD3Loss(
+            actor,
+            critic,
+            bounds=(-1.0, 1.0),
+            policy_noise=self._noise[0],
+            noise_clip=self._noise[1],
+            loss_function=loss_function,
+            deactivate_vmap=True,  # autocast does not reach into a vmap on the CPU
+        )
+
+    @property
+    def _moves_actor(self) -> bool:
+        return self.num_updates % self.actor_delay == 0
+
+    def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
+        with self._autocast(batch):
+            loss_value, terms = self.loss.value_loss(batch)
+            # Between the actor's updates its last loss stands in the log; it has no gradient.
+            loss_actor = self._loss_actor
+            if self._moves_actor:
+                loss_actor, _ = self.loss.actor_loss(batch)
+                self._loss_actor = loss_actor.detach()
+        batch.set("td_error", terms["td_error"].detach().max(0)[0])
+        return {**terms, "loss_actor": loss_actor, "loss_value": loss_value}
+
+    def _step(self) -> None:
+        self.critic_optimizer.step()
+        if self._moves_actor:
+            self.actor_optimizer.step()
+            self._move_targets()
+        self.num_updates += 1
+
+    def state_dict(self) -> dict:
+        """Return weights, target weights, optimiser states and the number of updates."""
+        return {**super().state_dict(), "num_updates": self.num_updates}
+
+    def load_state_dict(self, state: dict) -> None:
+        """Restore a copy of what :meth:`state_dict` returned, from any device to this one."""
+        super().load_state_dict(state)
+        self.num_updates = state["num_updates"]

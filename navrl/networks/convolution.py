@@ -1,0 +1,186 @@
+"""Streams that convolve scans along their beams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from navrl import keys
+from navrl.networks.attention import LocationAttention
+from navrl.networks.encoder import Shapes, feature_size
+from navrl.networks.mlp import mlp
+
+
+class ConvStream(nn.Module):
+    """Convolve scans along their beams; each scan is a channel.
+
+    Distances alone are read, one a beam: where a beam points is only in its place.
+
+    Args:
+        in_keys: TensorDict keys of scans ``[*B, N]`` or of several at once ``[*B, C, N]``; their
+            order is the order of the channels.
+        shapes: Feature shape (without batch) of every available key; sizes the stream.
+        channels: Output channels of each layer, ReLU after each.
+        kernel_sizes: Beams each layer looks at.
+        strides: Beams each layer moves on by.
+        paddings: Beams each layer adds at both ends.
+        hidden: Layer sizes of the perceptron that follows, ReLU after each.
+        padding_mode: ``"zeros"``, as in the baselines, or ``"circular"``: what is added are the
+            beams of the other end, since the scan goes around the robot.
+
+    Raises:
+        ValueError: If the scans differ in length, the layers' lists do, if no beam is left after a
+            layer, or if ``padding_mode`` is none of the above.
+
+    Reference:
+        Paper Sec. V-C: the lidar encoders of Liang et al. (2020) and Perez-D'Arpino et al. (2021).
+    """
+
+    has_attention = False
+
+    def __init__(
+        self,
+        in_keys: Sequence[str],
+        shapes: Shapes,
+        channels: Sequence[int],
+        kernel_sizes: Sequence[int],
+        strides: Sequence[int],
+        paddings: Sequence[int],
+        hidden: Sequence[int],
+        padding_mode: str = "zeros",
+    ) -> None:
+        super().__init__()
+        self.in_keys = list(in_keys)
+        self._num_scans, num_beams = _scans(shapes, self.in_keys)
+        layers = {"kernel_sizes": kernel_sizes, "strides": strides, "paddings": paddings}
+        self.convolutions, self.num_places = _convolutions(
+            sum(max(1, n) for n in self._num_scans), num_beams, channels, layers, padding_mode
+        )
+        self.num_channels = channels[-1]
+        self.mlp = mlp(self.num_channels * self.num_places, hidden, activate_last=True)
+        self.out_features = hidden[-1]
+
+    def forward(self, *scans: Tensor) -> tuple[Tensor, ...]:
+        """Return the feature ``[*B, out_features]`` of the scans."""
+        return (self.mlp(self.convolve(*scans).flatten(-2)),)
+
+    def convolve(self, *scans: Tensor) -> Tensor:
+        """Return what the convolutions make of the scans, ``[*B, channels, places]``."""
+        channels = [
+            scan if num_scans else scan.unsqueeze(-2)
+            for scan, num_scans in zip(scans, self._num_scans, strict=True)
+        ]
+        stacked = torch.cat(channels, dim=-2)
+        places = self.convolutions(stacked.reshape(-1, *stacked.shape[-2:]))
+        return places.reshape(*stacked.shape[:-2], *places.shape[-2:])
+
+
+class ConvAttentionStream(ConvStream):
+    """Attend over the places that convolutions make of a scan, and keep their order beside it.
+
+    A place sees its neighbours and, with aligned past scans as channels, what moves there; the
+    attention says which places matter on the way ahead. Its sum forgets where a place is, so each
+    place carries its bearing, and the perceptron of :class:`ConvStream` reads them in order.
+
+    Args:
+        in_keys: As in :class:`ConvStream`.
+        shapes: As in :class:`ConvStream`.
+        context_key: TensorDict key of what is joined to every place.
+        embedding: Layer sizes of the attention's embedding network.
+        score: Layer sizes of its score network.
+        feature: Layer sizes of its feature network.
+        **options: The others of :class:`ConvStream`.
+
+    Raises:
+        ValueError: As :class:`ConvStream`, or if ``context_key`` is missing.
+
+    Reference:
+        Not in the paper, whose attention reads sectors of a scan alone (Sec. IV-E).
+    """
+
+    has_attention = True
+
+    def __init__(
+        self,
+        in_keys: Sequence[str],
+        shapes: Shapes,
+        context_key: str = keys.WAYPOINT_INPUT,
+        embedding: Sequence[int] = (64, 64),
+        score: Sequence[int] = (32, 1),
+        feature: Sequence[int] = (64,),
+        **options: object,
+    ) -> None:
+        super().__init__(in_keys, shapes, **options)
+        self.attention = LocationAttention(
+            self.num_channels + 2, feature_size(shapes, context_key), embedding, score, feature
+        )
+        self.in_keys.append(context_key)
+        self._num_context_dims = len(shapes[context_key])
+        self.out_features += self.attention.out_features
+        bearing = torch.arange(self.num_places) * (2.0 * math.pi / self.num_places)
+        bearings = torch.stack([bearing.cos(), bearing.sin()], dim=-1)
+        self.register_buffer("bearings", bearings, persistent=False)
+
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the feature ``[*B, out_features]`` and the weights ``[*B, places]``."""
+        *scans, context = inputs
+        places = self.convolve(*scans)
+        in_order = self.mlp(places.flatten(-2))
+        bearings = self.bearings.to(places.dtype).expand(*places.shape[:-2], -1, -1)
+        items = torch.cat([places.transpose(-1, -2), bearings], dim=-1)
+        context = context.flatten(context.ndim - self._num_context_dims)
+        attended, weights = self.attention(items, context)
+        return torch.cat([in_order, attended], dim=-1), weights
+
+
+def _scans(shapes: Shapes, in_keys: Sequence[str]) -> tuple[list[int], int]:
+    """Return the number of scans of each key, 0 for a bare one, and their common length."""
+    found = {key: list(shapes[key]) for key in in_keys if feature_size(shapes, key)}
+    lengths = {shape[-1] for shape in found.values()}
+    if len(lengths) != 1 or any(len(shape) not in (1, 2) for shape in found.values()):
+        raise ValueError(
+            f"in_keys: need one or more scans [N] or [C, N] of equal length, got {found}"
+        )
+    return [shape[0] if len(shape) == 2 else 0 for shape in found.values()], lengths.pop()
+
+
+def _convolutions(
+    in_channels: int,
+    num_beams: int,
+    channels: Sequence[int],
+    layers: Mapping[str, Sequence[int]],
+    padding_mode: str,
+) -> tuple[nn.Sequential, int]:
+    """Return the convolutions and how many places they make of ``num_beams``."""
+    if padding_mode not in ("zeros", "circular"):
+        raise ValueError(f"padding_mode={padding_mode!r}: must be zeros or circular")
+    for name, values in layers.items():
+        if len(values) != len(channels):
+            raise ValueError(
+                f"{name}={list(values)}: need {len(channels)} values, as channels has"
+            )
+    modules: list[nn.Module] = []
+    for index, (out_channels, *layer) in enumerate(zip(channels, *layers.values(), strict=True)):
+        num_beams = _num_outputs(num_beams, *layer, index)
+        conv = nn.Conv1d(in_channels, out_channels, *layer, padding_mode=padding_mode)
+        nn.init.xavier_uniform_(conv.weight)
+        nn.init.zeros_(conv.bias)
+        modules += [conv, nn.ReLU(inplace=True)]
+        in_channels = out_channels
+    return nn.Sequential(*modules), num_beams
+
+
+def _num_outputs(num_beams: int, kernel_size: int, stride: int, padding: int, layer: int) -> int:
+    """Return how many values a layer makes of each channel's ``num_beams``."""
+    if min(kernel_size, stride) < 1 or padding < 0:
+        raise ValueError(
+            f"layer {layer}: kernel_sizes={kernel_size}, strides={stride}: must be >= 1; "
+            f"paddings={padding}: must be >= 0"
+        )
+    padded = num_beams + 2 * padding
+    if padded < kernel_size:
+        raise ValueError(f"layer {layer}: kernel_sizes={kernel_size} exceeds its {padded} inputs")
+    return (padded - kernel_size) // stride + 1
