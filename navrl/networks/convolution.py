@@ -120,7 +120,7 @@ class ConvAttentionStream(ConvStream):
         self.in_keys.append(context_key)
         self._num_context_dims = len(shapes[context_key])
         self.out_features += self.attention.out_features
-        bearing = torch.arange(self.num_places) * (2.0 * math.pi / self.num_places)
+        bearing = (torch.arange(self.num_places) + 0.5) * (2.0 * math.pi / self.num_places)
         bearings = torch.stack([bearing.cos(), bearing.sin()], dim=-1)
         self.register_buffer("bearings", bearings, persistent=False)
 
