@@ -159,9 +159,7 @@ def _convolutions(
         raise ValueError(f"padding_mode={padding_mode!r}: must be zeros or circular")
     for name, values in layers.items():
         if len(values) != len(channels):
-            raise ValueError(
-                f"{name}={list(values)}: need {len(channels)} values, as channels has"
-            )
+            raise ValueError(f"{name}={list(values)}: need {len(channels)} values, as channels has")
     modules: list[nn.Module] = []
     for index, (out_channels, *layer) in enumerate(zip(channels, *layers.values(), strict=True)):
         num_beams = _num_outputs(num_beams, *layer, index)

@@ -1,40 +1,17 @@
 """DDPG's targets, gradients and target updates are the textbook's."""
 
-from functools import partial
-
 import pytest
 import torch
+from learners import ENCODER, SHAPES, batch
 from tensordict import TensorDict
 
 from navrl.algos import DDPG, GaussianExploration, NonFiniteUpdateError
-from navrl.networks import AttentionStream, StreamEncoder, make_actor, make_critic
-
-SHAPES = {"spatial": (180, 2), "waypoint": (5, 2)}
-SMALL = {"embedding": (16,), "score": (1,), "feature": (8,)}
-ENCODER = partial(
-    StreamEncoder, streams={"spatial": partial(AttentionStream, in_key="spatial", **SMALL)}
-)
+from navrl.networks import make_actor, make_critic
 
 
 def agent(**options) -> DDPG:
     torch.manual_seed(0)
     return DDPG(make_actor(ENCODER, SHAPES), make_critic(ENCODER, SHAPES), **options)
-
-
-def batch(size: int = 8) -> TensorDict:
-    def observed():
-        return {key: torch.randn(size, *shape) for key, shape in SHAPES.items()}
-
-    flags = torch.zeros(size, 1, dtype=torch.bool)
-    following = {"reward": torch.randn(size, 1), "done": flags, "terminated": flags.clone()}
-    return TensorDict(
-        {
-            **observed(),
-            "action": torch.rand(size, 2) * 2 - 1,
-            "next": TensorDict({**observed(), **following}, [size]),
-        },
-        [size],
-    )
 
 
 @pytest.mark.parametrize("steps", [None, 1, 3])

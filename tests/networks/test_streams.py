@@ -10,6 +10,7 @@ from navrl.build import make_agent
 from navrl.config import compose
 from navrl.networks import (
     AttentionStream,
+    ConvAttentionStream,
     ConvStream,
     StreamEncoder,
     VectorStream,
@@ -195,7 +196,8 @@ def test_every_input_reaches_the_critic():
         ({"in_keys": ["sonar"]}, "'sonar' is not observed"),
         ({"in_keys": []}, r"one or more scans"),
         ({"in_keys": ["distance", "goal"]}, r"equal length, got .*'goal': \[2\]"),
-        ({"in_keys": ["waypoint"]}, r"scans \[N\].*'waypoint': \[5, 2\]"),
+        ({"in_keys": ["waypoint"]}, "layer 0: kernel_sizes=5 exceeds its 4 inputs"),
+        ({"padding_mode": "reflect"}, "padding_mode='reflect'.*zeros or circular"),
         ({"strides": [2]}, r"strides=\[2\]: need 2 values"),
         ({"strides": [2, 0]}, "layer 1: .*strides=0"),
         ({"paddings": [-1, 1]}, "layer 0: .*paddings=-1"),
@@ -211,3 +213,58 @@ def test_bad_sizes_are_named(change, message):
 def test_missing_vector_is_named():
     with pytest.raises(ValueError, match="'sonar' is not observed"):
         VectorStream("sonar", shapes(180), [8])
+
+
+BEST = {
+    "channels": [8, 16],
+    "kernel_sizes": [6, 4],
+    "strides": [2, 2],
+    "paddings": [2, 1],
+    "padding_mode": "circular",
+    "hidden": [32, 12],
+    "embedding": [24],
+    "score": [1],
+    "feature": [10],
+}
+
+
+def attending(**options):
+    torch.manual_seed(0)
+    sizes = {"distances": (4, 180), "distance": (180,), "waypoint": (5, 2)}
+    return ConvAttentionStream(["distances"], sizes, **{**BEST, **options})
+
+
+def test_attention_is_over_places_and_their_order_is_kept_beside_it():
+    stream = attending()
+    feature, weights = stream(torch.rand(3, 2, 4, 180), torch.rand(3, 2, 5, 2))
+    assert feature.shape == (3, 2, stream.out_features) == (3, 2, 12 + 10)
+    assert weights.shape == (3, 2, 45)
+    torch.testing.assert_close(weights.sum(-1), torch.ones(3, 2))
+    assert stream.in_keys == ["distances", "waypoint"]
+    assert not any("bearings" in name for name in stream.state_dict())
+
+
+def test_scans_of_one_key_or_of_several_are_channels():
+    one = attending()
+    torch.manual_seed(0)
+    sizes = {"recent": (3, 180), "distance": (180,), "waypoint": (5, 2)}
+    several = ConvAttentionStream(["distance", "recent"], sizes, **BEST)
+    scans, waypoints = torch.rand(2, 4, 180), torch.rand(2, 5, 2)
+    for ours, theirs in zip(
+        one(scans, waypoints), several(scans[:, 0], scans[:, 1:], waypoints), strict=True
+    ):
+        torch.testing.assert_close(ours, theirs)
+
+
+def test_circular_places_turn_with_the_scan():
+    """A place of four beams sees the beams of its own sector in its middle."""
+    stream, scan = attending(), torch.rand(1, 4, 180)
+    places = stream.convolve(scan)
+    torch.testing.assert_close(stream.convolve(scan.roll(4, -1)), places.roll(1, -1))
+    changed = scan.clone()
+    changed[..., 40:44] += 1.0
+    influence = (stream.convolve(changed) - places).abs().sum(1)[0]
+    assert set(influence.nonzero().flatten().tolist()) <= {9, 10, 11}
+    assert influence.argmax() == 10
+    zeros = attending(padding_mode="zeros")
+    assert not torch.allclose(zeros.convolve(scan.roll(4, -1)), zeros.convolve(scan).roll(1, -1))

@@ -27,6 +27,7 @@ INPUTS = {  # of the networks; those of the pipelines not named here are the pap
         **dict.fromkeys(("distance", "distance_previous", "distance_earlier"), (512,)),
         "goal": (2,),
     },
+    "navrl_best": {"distances": (4, 180), "waypoint": (5, 2)},
     "perez_darpino": {"distance": (128,), "goal": (2,), "waypoint": (6, 2)},
     "subgoal": {"spatial": (180, 2), "waypoint": (5, 2)},
 }

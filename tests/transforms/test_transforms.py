@@ -17,6 +17,7 @@ from navrl.transforms import (
     ICPAlign,
     MinPool,
     Normalize,
+    RangeHistory,
     ScanHistory,
     Waypoints,
     compose,
@@ -275,6 +276,53 @@ class TestThreeScans(TransformContract):
         assert torch.equal(later["earlier"][ended], later[scan][ended])  # there is no past
 
 
+class TestRangeHistory(TransformContract):
+    is_memoryless = False
+    state_keys = (keys.POINTS, keys.POINTS_HISTORY)
+    tolerance = 1e-5
+
+    def before(self):
+        return [MinPool(group_size=1), ScanHistory(), ICPAlign(metric="point_to_line")]
+
+    def make(self, **kwargs):
+        return RangeHistory(**{"num_scans": 2, "group_size": 1, **kwargs})
+
+    def in_foreign_env(self):
+        history = RangeHistory(
+            2,
+            group_size=3,
+            max_range=2.5,
+            in_keys=[["scan", "xy"], "motion"],
+            out_keys=[["past", "xy"], ["past", "r"]],
+        )
+        return [*strangers_scan(), strangers_icp(), history]
+
+    def check_rollout(self, rollout):
+        points, past, ranges = keys.POINTS, keys.POINTS_HISTORY, keys.RANGES_HISTORY
+        moved = rollout["next", keys.ICP_TRANSFORM]
+        latest = se2.transform_points(moved, rollout[points])
+        torch.testing.assert_close(rollout["next", past][..., 0, :, :], latest)
+        older = se2.transform_points(moved, rollout[past][..., 0, :, :])
+        torch.testing.assert_close(rollout["next", past][..., 1, :, :], older)
+        ended = rollout["next", "done"][..., :-1, 0]
+        fresh = rollout[..., 1:][ended]  # there is no past
+        assert torch.equal(fresh[past][:, 0], fresh[points])
+        assert torch.equal(fresh[past][:, 1], fresh[points])
+        torch.testing.assert_close(fresh[ranges], fresh[ranges][:, :1].expand(-1, 3, -1))
+        now = rollout[keys.RANGES_POOLED]
+        torch.testing.assert_close(rollout[ranges][..., 0, :], now)
+
+    def test_what_stands_still_stays_where_it_is(self):
+        env = TransformedEnv(
+            RoomEnv(num_beams=180, done_rate=0.0), Compose(*self.before(), self.make())
+        )
+        env.set_seed(0)
+        ranges = env.rollout(20)["next", keys.RANGES_HISTORY]
+        unmoved = (ranges[..., 1:, :] - ranges[..., :1, :]).abs().median()
+        raw = (ranges[:, 1:, 0] - ranges[:, :-1, 0]).abs().median()
+        assert unmoved < 0.01 < 3 * unmoved + 0.02 < raw + 0.02
+
+
 class TestNormalize(TransformContract):
     in_keys = (keys.POINTS, keys.RANGES)
     out_keys = ("spatial", "distance")
@@ -337,6 +385,9 @@ class TestCompose:
         (lambda: MinPool(bearing="edge"), "bearing.*'edge'"),
         (lambda: MinPool(out_keys=["points"]), "out_keys must be 3 keys"),
         (lambda: ScanHistory(in_keys=["a"], out_keys=["b", "c"]), "out_keys"),
+        (lambda: RangeHistory(num_scans=0), "num_scans=0"),
+        (lambda: RangeHistory(max_range=0.0), "max_range=0.0"),
+        (lambda: RangeHistory(in_keys=["points"]), "must be two each"),
         (lambda: ICPAlign(method="odometry"), "method.*odometry"),
         (lambda: ICPAlign(gate=0.0), "gate.*0.0"),
         (lambda: ICPAlign(metric="plane"), "metric.*'plane'"),
