@@ -29,6 +29,12 @@ def recorded_commands(folder: Path) -> str:
     return file.read_text(encoding="utf-8") if file.is_file() else ""
 
 
+def recorded_origins(folder: Path) -> list[str]:
+    """Return time, code version and machine of each command recorded, oldest first."""
+    lines = recorded_commands(folder).splitlines()
+    return [line.rpartition("  # ")[2] for line in lines if "  # " in line]
+
+
 def _version() -> str:
     """Return the version, with the commit if this is a checkout."""
     root = Path(navrl.__file__).parents[1]

@@ -99,6 +99,7 @@ def save_bundle(
     state = actor.state_dict().items()
     weights = {name: value.detach().clone().contiguous() for name, value in state}
     save_file(weights, fresh / "weights.safetensors")
+    (fresh / "weights.safetensors").chmod(0o644)  # it comes readable by its owner alone
     metrics_text = json.dumps(dict(metrics), indent=2) + "\n"
     (fresh / "metrics.json").write_text(metrics_text, encoding="utf-8")
     (fresh / "card.md").write_text(card, encoding="utf-8")

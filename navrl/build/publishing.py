@@ -1,0 +1,146 @@
+"""From a finished run to a bundle that others can judge: scores, command, machine, curve."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from navrl.build.provenance import recorded_origins
+from navrl.evaluation import Evaluation, find_evaluations
+from navrl.policies import load_bundle, save_bundle
+
+CURVE = "curve.csv"
+_CURVE_COLUMNS = {
+    "frames": "environment steps",
+    "updates": "updates",
+    "evaluation/max_dynamic": "pedestrians at most",
+    "evaluation/success_rate": "success",
+    "evaluation/collision_pedestrian_rate": "into a pedestrian",
+    "evaluation/collision_static_rate": "into a wall",
+    "evaluation/timeout_rate": "timeout",
+}
+_SHOWN = 10  # lines of the curve in the card
+_NOT_OF_THE_RUN = ("hydra.", "resume=", "progress_bar=")
+
+
+def publish(
+    run: str | Path, out: str | Path, evaluations: Sequence[str | Path] = (), about: str = ""
+) -> Path:
+    """Make a bundle of a training run's best policy, with a card that says what it is worth.
+
+    Args:
+        run: Folder of ``navrl-train``.
+        out: Folder of the bundle, named like the policy.
+        evaluations: Folders of ``navrl-evaluate`` with this policy; all below them is taken.
+        about: A sentence on what the policy is.
+
+    Returns:
+        ``out``, with the learning curve in ``curve.csv`` beside the bundle's own files.
+
+    Raises:
+        BundleError: If the run holds no policy, or a damaged one.
+        FileNotFoundError: If the run has no log.
+        ValueError: If there is no evaluation in one of the folders, or the policy's metrics do not
+            say how long it was trained.
+    """
+    run, out = Path(run), Path(out)
+    bundle = load_bundle(run / "policy")
+    curve = _read_curve(run / "metrics.csv")
+    config = {name: value for name, value in bundle.config.items() if name != "format"}
+    found = find_evaluations(evaluations) if evaluations else []
+    count = sum(weight.numel() for weight in bundle.actor.parameters())
+    parts = [
+        f"# {out.name}",
+        f"{about} {count:,} parameters an actor.".strip(),
+        _origin(run, bundle.metrics),
+        _scores(found),
+        _curve_table(curve),
+    ]
+    card = "\n\n".join(part for part in parts if part) + "\n"
+    save_bundle(out, config=config, actor=bundle.actor, metrics=bundle.metrics, card=card)
+    (out / CURVE).write_text(_csv(curve), encoding="utf-8")
+    return out
+
+
+def _read_curve(file: Path) -> list[dict[str, str]]:
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    rows = [row for row in rows if row.get("evaluation/success_rate")]
+    return [{name: row.get(name) or "" for name in _CURVE_COLUMNS} for row in rows]
+
+
+def _csv(rows: Sequence[dict[str, str]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(_CURVE_COLUMNS), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _origin(run: Path, metrics: dict) -> str:
+    overrides = yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text(encoding="utf-8"))
+    words = [word for word in overrides if not word.startswith(_NOT_OF_THE_RUN)]
+    command = shlex.join(["navrl-train", *words])
+    parts = "; ".join(recorded_origins(run)) or "origin not recorded"
+    missing = [name for name in ("seconds", "updates", "frames") if name not in metrics]
+    if missing:
+        raise ValueError(f"{run / 'policy' / 'metrics.json'}: {missing} missing")
+    minutes = metrics["seconds"] / 60
+    return (
+        f"Trained by\n\n```\n{command}\n```\n\n"
+        f"({parts}) in {minutes:.0f} minutes, {metrics['updates']:,.0f} updates and "
+        f"{metrics['frames']:,.0f} environment steps to this checkpoint, the best of the highest "
+        "curriculum level on the validation episodes."
+    )
+
+
+def _scores(evaluations: Sequence[Evaluation]) -> str:
+    if not evaluations:
+        return ""
+    lines = [
+        "Scores, never seen in training, with 95 % Wilson intervals:",
+        "",
+        "| suite | hash | simulator | episodes | success | collision | timeout | time to goal |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for evaluation in evaluations:
+        summary = evaluation.summary
+        rates = " | ".join(_rate(summary, name) for name in ("success", "collision", "timeout"))
+        seconds = summary["navigation_time_s"]
+        time = "-" if seconds is None else f"{seconds:.1f} s"
+        lines.append(
+            f"| {summary['suite']} | {summary['suite_hash'][:12]} | {summary['simulator']} | "
+            f"{summary['episodes']} | {rates} | {time} |"
+        )
+    return "\n".join(lines)
+
+
+def _rate(summary: dict, name: str) -> str:
+    low, high = summary[f"{name}_interval"]
+    return f"{100 * summary[f'{name}_rate']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def _curve_table(curve: Sequence[dict[str, str]]) -> str:
+    step = -(-len(curve) // _SHOWN) or 1
+    shown = curve[::-1][::step][::-1]  # the last one always
+    lines = [
+        f"Learning curve on the validation episodes at the level of the time ({CURVE} has all):",
+        "",
+        "| " + " | ".join(_CURVE_COLUMNS.values()) + " |",
+        "|" + "---|" * len(_CURVE_COLUMNS),
+    ]
+    for row in shown:
+        cells = [_cell(name, value) for name, value in row.items()]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _cell(name: str, value: str) -> str:
+    if not value:
+        return "-"
+    return f"{100 * float(value):.1f} %" if name.endswith("_rate") else f"{float(value):,.0f}"

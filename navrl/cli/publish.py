@@ -1,0 +1,42 @@
+"""``navrl-publish``: make a bundle with a card of a run's best policy."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from navrl.build.publishing import publish
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write the bundle and say where it is; what a user gets wrong ends in one line, status 2."""
+    options = make_parser().parse_args(arguments)
+    try:
+        folder = publish(options.run, options.out, options.evaluations, options.about)
+    except (OSError, ValueError) as error:
+        print(f"navrl: {error}", file=sys.stderr)
+        sys.exit(2)
+    size = sum(file.stat().st_size for file in folder.iterdir())
+    print(f"{folder}: {size / 1e6:.1f} MB; navrl-evaluate policy={folder}")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return what reads the command line."""
+    parser = argparse.ArgumentParser("navrl-publish", description=__doc__.partition(": ")[2])
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of navrl-train")
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder of the bundle, named like it")
+    parser.add_argument(
+        "--evaluations",
+        nargs="+",
+        default=[],
+        metavar="FOLDER",
+        help="of navrl-evaluate with this policy, for the card; all below them is taken",
+    )
+    parser.add_argument("--about", default="", help="a sentence on what the policy is")
+    return parser
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""A run becomes a bundle whose card says where it comes from and what it is worth."""
+
+import csv
+import json
+import shutil
+
+import pytest
+import torch
+
+from navrl.build.publishing import CURVE
+from navrl.cli.publish import main
+from navrl.policies import ZOO, load_bundle
+
+COLUMNS = ("frames", "updates", "evaluation/success_rate", "evaluation/timeout_rate")
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run's folder as navrl-train leaves it, around a policy of the zoo."""
+    folder = tmp_path / "run"
+    shutil.copytree(ZOO / "paper", folder / "policy")
+    (folder / ".hydra").mkdir()
+    overrides = "- experiment=paper\n- seed=3\n- hydra.run.dir=somewhere\n- resume=elsewhere\n"
+    (folder / ".hydra" / "overrides.yaml").write_text(overrides)
+    (folder / "commands.txt").write_text(
+        "navrl-train seed=3  # 2026-01-02 03:04 UTC, navrl 0.1.0 at commit abc, riscv, 2 cores\n"
+    )
+    with (folder / "metrics.csv").open("w") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for update in range(0, 4600, 200):
+            success = update / 5000 if update % 400 == 0 else ""
+            writer.writerow([32 * update, update, success, 0.0])
+    return folder
+
+
+@pytest.fixture
+def evaluation(tmp_path):
+    folder = tmp_path / "evaluation"
+    folder.mkdir()
+    rates = {"success": 0.9, "collision": 0.1, "timeout": 0.0}
+    summary = {"policy": "mine", "suite": "table1", "suite_hash": "0123456789abcdef"}
+    summary |= {"simulator": "BulletSimulator", "episodes": 50, "navigation_time_s": 8.25}
+    for name, rate in rates.items():
+        summary |= {f"{name}_rate": rate, f"{name}_interval": [rate / 2, rate / 2 + 0.5]}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    (folder / "episodes.csv").write_text("index,outcome\n")
+    return folder
+
+
+def test_card_and_curve(run, evaluation, tmp_path, capsys):
+    out = tmp_path / "mine"
+    about = "A policy of ours."
+    main([str(run), str(out), "--evaluations", str(evaluation), "--about", about])
+    assert f"navrl-evaluate policy={out}" in capsys.readouterr().out
+    card = (out / "card.md").read_text()
+    assert card.startswith("# mine\n\nA policy of ours. 147,948 parameters an actor.")
+    assert "navrl-train experiment=paper seed=3\n" in card
+    assert "2026-01-02 03:04 UTC, navrl 0.1.0 at commit abc, riscv, 2 cores" in card
+    row = (
+        "| table1 | 0123456789ab | BulletSimulator | 50 | 90.0 % [45.0, 95.0] | 10.0 % [5.0, 55.0]"
+    )
+    assert row in card
+    assert "| 140,800 | 4,400 | - | 88.0 % | - | - | 0.0 % |" in card  # the last, never left out
+    assert card.count(" | - | - | 0.0 % |") <= 10
+    with (out / CURVE).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["updates"] for row in rows] == [str(n) for n in range(0, 4600, 400)]
+
+
+def test_the_weights_are_those_of_the_run(run, tmp_path):
+    out = tmp_path / "mine"
+    main([str(run), str(out)])
+    before, after = load_bundle(run / "policy"), load_bundle(out)
+    assert before.config == after.config
+    assert before.metrics == after.metrics
+    for name, value in before.actor.state_dict().items():
+        assert torch.equal(value, after.actor.state_dict()[name])
+    assert (out / "weights.safetensors").stat().st_mode & 0o444 == 0o444
+    assert "Scores" not in (out / "card.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda run: shutil.rmtree(run / "policy"), "config.yaml: no such file"),
+        (lambda run: (run / "metrics.csv").unlink(), "metrics.csv"),
+        (lambda run: (run / "policy" / "metrics.json").write_text("{}"), "metrics.json"),
+    ],
+)
+def test_what_is_missing_is_named(run, tmp_path, capsys, spoil, message):
+    spoil(run)
+    with pytest.raises(SystemExit) as stop:
+        main([str(run), str(tmp_path / "mine")])
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_folder_without_evaluation_is_named(run, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main([str(run), str(tmp_path / "mine"), "--evaluations", str(run)])
+    assert "no evaluation there" in capsys.readouterr().err
