@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+import gc
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import torch
@@ -53,6 +57,9 @@ def step_rows(
 ) -> list[Row]:
     """Measure complete steps on one core and on two, against the same pipeline on PyBullet.
 
+    Two cores are used in both ways there are: by two processes, as ``collector=process`` does, and
+    by two threads of the kernels, while the code between them runs on one.
+
     Args:
         make: Makes the environment on the fast simulator.
         make_reference: Makes it on PyBullet.
@@ -64,20 +71,75 @@ def step_rows(
     env, reference = make(num_worlds), make_reference(num_reference_worlds)
     drive = RandomDrive(env)
     tasks = {"one": Task(drive), "bullet": Task(RandomDrive(reference))}
-    if cores > 1:
-        tasks["two"] = Task(drive, 2)
-    rates = alternate(tasks, budget)
-    env.close()
-    reference.close()
-    one = rates["one"]
-    rows = [Row("step.one_core", f"complete steps, {num_worlds} worlds, 1 core", "/s", one)]
-    rows[0] = Row(rows[0].key, rows[0].label, "/s", one, Bar(15_000))
-    if cores > 1:
-        rows.append(Row("step.two_cores", "… 2 cores", "/s", rates["two"]))
-        rows.append(Row("step.speedup", "… 2 cores / 1 core", "x", rates["two"] / one, Bar(1.7)))
-    rows.append(Row("step.bullet", "… on PyBullet", "/s", rates["bullet"]))
-    rows.append(Row("step.ratio", "… 1 core / PyBullet", "x", one / rates["bullet"], Bar(40.0)))
-    return rows
+    with contextlib.ExitStack() as stack:
+        stack.callback(env.close)
+        stack.callback(reference.close)
+        if cores > 1:
+            tasks["threads"] = Task(drive, 2)
+            tasks["processes"] = Task(stack.enter_context(StepWorkers(make, num_worlds, 2)))
+        rates = alternate(tasks, budget)
+    one, bullet = rates["one"], rates["bullet"]
+    label = f"complete steps, {num_worlds} worlds, 1 core"
+    return [
+        Row("step.one_core", label, "/s", one, Bar(15_000)),
+        *(_two_core_rows(rates) if cores > 1 else []),
+        Row("step.bullet", "… on PyBullet", "/s", bullet),
+        Row("step.ratio", "… 1 core / PyBullet", "x", one / bullet, Bar(40.0)),
+    ]
+
+
+def _two_core_rows(rates: Mapping[str, np.ndarray]) -> list[Row]:
+    one, threads, processes = (rates[name] for name in ("one", "threads", "processes"))
+    return [
+        Row("step.two_cores", "… 2 cores, a process each", "/s", processes),
+        Row("step.speedup", "… 2 processes / 1 core", "x", processes / one, Bar(1.7)),
+        Row("step.threads", "… 2 threads / 1 core", "x", threads / one),
+    ]
+
+
+class StepWorkers:
+    """Processes that step worlds of their own on a thread each, as workers of a training do.
+
+    Args:
+        make: Makes an environment; it is pickled.
+        num_worlds: Worlds of each.
+        count: Processes.
+    """
+
+    _STEPS = 10  # between two waits for each other
+
+    def __init__(self, make: MakeEnv, num_worlds: int, count: int) -> None:
+        context = get_context("spawn")
+        self._pools = [
+            ProcessPoolExecutor(1, context, _start_worker, (make, num_worlds)) for _ in range(count)
+        ]
+
+    def __call__(self) -> int:
+        """Step all worlds a few times; return how many steps that were."""
+        futures = [pool.submit(_step_worker, self._STEPS) for pool in self._pools]
+        return sum(future.result() for future in futures)
+
+    def __enter__(self) -> StepWorkers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for pool in self._pools:
+            pool.shutdown()
+
+
+_drive_of_this_worker: RandomDrive | None = None
+
+
+def _start_worker(make: MakeEnv, num_worlds: int) -> None:
+    global _drive_of_this_worker
+    torch.set_num_threads(1)
+    _drive_of_this_worker = RandomDrive(make(num_worlds))
+    gc.collect()
+    gc.freeze()
+
+
+def _step_worker(count: int) -> int:
+    return sum(_drive_of_this_worker() for _ in range(count))
 
 
 def worlds_series(make: MakeEnv, worlds: Sequence[int], budget: Budget) -> Series:
