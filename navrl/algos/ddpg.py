@@ -10,10 +10,11 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor
-from torchrl.objectives import DDPGLoss, LossModule, SoftUpdate
+from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
+from navrl.algos.bound_loss import BoundDDPGLoss
 from navrl.algos.cuda_graph import CapturedUpdate
 
 
@@ -117,9 +118,7 @@ class DDPG:
     def _make_loss(
         self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
     ) -> LossModule:
-        return DDPGLoss(
-            actor, critic, loss_function=loss_function, delay_actor=True, delay_value=True
-        )
+        return BoundDDPGLoss(actor, critic, loss_function)
 
     def _params(self, name: str) -> TensorDictParams:
         return getattr(self.loss, f"{name}_params")
@@ -202,7 +201,7 @@ class DDPG:
         terms = self._losses(batch)
         self.actor_optimizer.zero_grad(set_to_none=True)
         self.critic_optimizer.zero_grad(set_to_none=True)
-        # Only the two losses: DDPGLoss also returns a prediction that is not detached.
+        # Only the two losses: what else is returned is not detached.
         (terms["loss_actor"] + terms["loss_value"]).backward()
         clip = torch.nn.utils.clip_grad_norm_
         actor_norm = clip(self._actor_weights, self.max_gradient_norm)

@@ -92,7 +92,14 @@ class CriticNetwork(nn.Module):
 
     def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
         """Return the value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
-        feature = in_float32(self.observation, self.encoder(*inputs)[0])
+        return self.judge(action, self.encode(*inputs))
+
+    def encode(self, *inputs: Tensor) -> Tensor:
+        """Return the observation's feature ``[*B, n]``, which no action changes."""
+        return in_float32(self.observation, self.encoder(*inputs)[0])
+
+    def judge(self, action: Tensor, feature: Tensor) -> Tensor:
+        """Return the value ``[*B, 1]`` of ``action`` where :meth:`encode` gave ``feature``."""
         action = in_float32(self.action, action)
         return in_float32(self.output, torch.cat([feature, action], dim=-1))
 
