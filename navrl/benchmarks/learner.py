@@ -8,6 +8,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
+from torchrl.objectives import DDPGLoss
 
 from navrl import keys
 from navrl.algos import DDPG
@@ -43,12 +44,23 @@ def random_transitions(
     return TensorDict(batch, [batch_size]).to(device)
 
 
-def count_flops(learner: DDPG, batch: TensorDictBase) -> int:
-    """Return the floating-point operations of the matrix products of one update."""
+def count_flops(learner: DDPG, batch: TensorDictBase, textbook: bool = True) -> int:
+    """Return the floating-point operations of the matrix products of one update.
+
+    Args:
+        learner: With networks in float32.
+        batch: Transitions.
+        textbook: Whether to count losses and gradients as TorchRL's own loss computes them, which
+            is what an update has to achieve; if not, what this learner does for it.
+    """
     counter = FlopCounterMode(display=False)
     counter.mod_tracker = _OneModule()
     with counter:
-        learner.update(batch)
+        if textbook:
+            terms = DDPGLoss.forward(learner.loss, batch)
+            (terms["loss_actor"] + terms["loss_value"]).backward()
+        else:
+            learner.update(batch)
     return counter.get_total_flops()
 
 
@@ -113,6 +125,7 @@ def update_rows(
     """
     batch = random_transitions(shapes, batch_size, device)
     flops = count_flops(make(precision="float32", device=device), batch)
+    done = count_flops(make(precision="float32", device=device), batch, textbook=False)
     tasks = {}
     for name, dtype in DTYPES.items():
         learner = make(precision=name, device=device)
@@ -122,7 +135,10 @@ def update_rows(
     place = "GPU" if device == "cuda" else f"{cores} core{'s' if cores > 1 else ''}"
     key = "update" if device == "cpu" else f"update_{device}"
     label = f"DDPG update, batch {batch_size}, {place}"
-    rows = [Row(f"{key}.flops", f"{label}: operations", "GFLOP", [flops / 1e9])]
+    rows = [
+        Row(f"{key}.flops", f"{label}: operations of TorchRL's loss", "GFLOP", [flops / 1e9]),
+        Row(f"{key}.done", "… operations that ours does for it", "GFLOP", [done / 1e9]),
+    ]
     for name in DTYPES:
         rows += _precision_rows(
             f"{key}.{name}", f"… {name}", flops, batch_size, rates, name, name == chosen

@@ -1,9 +1,14 @@
 """DDPG's targets, gradients and target updates are the textbook's."""
 
+from functools import partial
+
 import pytest
 import torch
 from learners import ENCODER, SHAPES, batch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torchrl.objectives import DDPGLoss
 
 from navrl.algos import DDPG, GaussianExploration, NonFiniteUpdateError
 from navrl.networks import make_actor, make_critic
@@ -32,6 +37,41 @@ def test_target_bootstraps_at_timeouts_and_not_at_collisions(steps):
     alive = torch.tensor([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     expected = data["next", "reward"].squeeze(-1) + 0.9 ** (steps or 1) * alive * value
     torch.testing.assert_close(terms["target_value"], expected)
+
+
+class AnyCritic(nn.Module):
+    """One that does not encode first; its action comes in the middle."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.linear = nn.Linear(180 * 2 + 2 + 5 * 2, 1)
+
+    def forward(self, *inputs):
+        return self.linear(torch.cat([value.flatten(1) for value in inputs], dim=-1))
+
+
+@pytest.mark.parametrize("has_encoder", [True, False])
+@pytest.mark.parametrize("loss_function", ["l2", "smooth_l1"])
+def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function, has_encoder):
+    ddpg, data = agent(loss_function=loss_function), batch()
+    if not has_encoder:
+        names = ["spatial", "action", "waypoint"]
+        critic = TensorDictModule(AnyCritic(), names, ["state_action_value"])
+        ddpg = DDPG(make_actor(ENCODER, SHAPES), critic, loss_function=loss_function)
+    data["next", "terminated"][:3] = True
+    found = []
+    for forward in (ddpg.loss.forward, partial(DDPGLoss.forward, ddpg.loss)):
+        terms = forward(data)
+        (terms["loss_actor"] + terms["loss_value"]).backward()
+        weights = [*ddpg._actor_weights, *ddpg._critic_weights]
+        found.append((terms, data["td_error"].clone(), [w.grad.clone() for w in weights]))
+        ddpg.loss.zero_grad()
+    (ours, our_error, our_gradients), (theirs, their_error, their_gradients) = found
+    for name in ("loss_actor", "loss_value", "pred_value", "target_value", "td_error"):
+        torch.testing.assert_close(ours[name], theirs[name])
+    torch.testing.assert_close(our_error, their_error)
+    torch.testing.assert_close(our_gradients, their_gradients)
+    assert any(gradient.abs().max() > 0 for gradient in our_gradients)
 
 
 def test_an_update_moves_both_networks_and_the_targets_by_tau():
