@@ -14,7 +14,7 @@ from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
-from navrl.algos.bound_loss import BoundDDPGLoss
+from navrl.algos.bound_losses import BoundDDPGLoss
 from navrl.algos.cuda_graph import CapturedUpdate
 
 

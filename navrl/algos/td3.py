@@ -8,8 +8,8 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
-from torchrl.objectives import TD3Loss
 
+from navrl.algos.bound_losses import BoundTD3Loss
 from navrl.algos.ddpg import DDPG
 
 
@@ -60,16 +60,8 @@ class TD3(DDPG):
 
     def _make_loss(
         self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
-    ) -> TD3Loss:
-        return TD3Loss(
-            actor,
-            critic,
-            bounds=(-1.0, 1.0),
-            policy_noise=self._noise[0],
-            noise_clip=self._noise[1],
-            loss_function=loss_function,
-            deactivate_vmap=True,  # autocast does not reach into a vmap on the CPU
-        )
+    ) -> BoundTD3Loss:
+        return BoundTD3Loss(actor, critic, loss_function, *self._noise)
 
     @property
     def _moves_actor(self) -> bool:
@@ -77,14 +69,16 @@ class TD3(DDPG):
 
     def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
         with self._autocast(batch):
-            loss_value, terms = self.loss.value_loss(batch)
-            # Between the actor's updates its last loss stands in the log; it has no gradient.
-            loss_actor = self._loss_actor
-            if self._moves_actor:
-                loss_actor, _ = self.loss.actor_loss(batch)
-                self._loss_actor = loss_actor.detach()
-        batch.set("td_error", terms["td_error"].detach().max(0)[0])
-        return {**terms, "loss_actor": loss_actor, "loss_value": loss_value}
+            terms = self.loss(batch, with_actor=self._moves_actor)
+        # Between the actor's updates its last loss stands in the log; it has no gradient.
+        loss_actor = terms.get("loss_actor") if self._moves_actor else self._loss_actor
+        self._loss_actor = loss_actor.detach()
+        return {
+            "loss_actor": loss_actor,
+            "loss_value": terms["loss_qvalue"],
+            "pred_value": terms["pred_value"],
+            "target_value": terms["target_value"],
+        }
 
     def _step(self) -> None:
         self.critic_optimizer.step()

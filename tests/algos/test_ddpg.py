@@ -58,7 +58,10 @@ def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function, has_enco
         names = ["spatial", "action", "waypoint"]
         critic = TensorDictModule(AnyCritic(), names, ["state_action_value"])
         ddpg = DDPG(make_actor(ENCODER, SHAPES), critic, loss_function=loss_function)
+    for _ in range(3):  # weights that have moved by now
+        ddpg.update(batch())
     data["next", "terminated"][:3] = True
+    ddpg.loss.zero_grad()
     found = []
     for forward in (ddpg.loss.forward, partial(DDPGLoss.forward, ddpg.loss)):
         terms = forward(data)

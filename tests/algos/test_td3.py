@@ -1,8 +1,11 @@
 """TD3's targets are the lower of two, and actor and targets wait."""
 
+from functools import partial
+
 import pytest
 import torch
 from learners import ENCODER, SHAPES, batch
+from torchrl.objectives import TD3Loss
 
 from navrl.algos import TD3, NonFiniteUpdateError
 from navrl.networks import make_actor, make_critic
@@ -44,6 +47,28 @@ def test_the_target_is_the_lower_of_two_values(steps):
     lower = torch.minimum(*values)
     expected = data["next", "reward"].squeeze(-1) + 0.9 ** (steps or 1) * alive * lower
     torch.testing.assert_close(terms["target_value"], expected)
+
+
+@pytest.mark.parametrize("loss_function", ["l2", "smooth_l1"])
+def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function):
+    td3, data = agent(loss_function=loss_function), batch()
+    for _ in range(3):  # weights that have moved by now
+        td3.update(batch())
+    data["next", "terminated"][:3] = True
+    td3.loss.zero_grad()
+    found = []
+    for forward in (td3.loss.forward, partial(TD3Loss.forward, td3.loss)):
+        torch.manual_seed(1)
+        terms = forward(data)
+        (terms["loss_actor"] + terms["loss_qvalue"]).backward()
+        learned = [*td3._actor_weights, *td3._critic_weights]
+        found.append((terms, data["td_error"].clone(), [w.grad.clone() for w in learned]))
+        td3.loss.zero_grad()
+    (ours, our_error, our_gradients), (theirs, their_error, their_gradients) = found
+    for name in ("loss_actor", "loss_qvalue", "pred_value", "target_value"):
+        torch.testing.assert_close(ours[name], theirs[name])
+    torch.testing.assert_close(our_error, their_error)
+    torch.testing.assert_close(our_gradients, their_gradients)
 
 
 def test_target_actions_are_blurred_within_bounds():
