@@ -9,6 +9,9 @@ from pathlib import Path
 
 import torch
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+from torchrl.data import Composite
+from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl.config import compose, instantiate
@@ -120,7 +123,23 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
     """Append the perception transforms, then normalise actions to [-1, 1]."""
     transformed = TransformedEnv(env, transforms)
     transformed.append_transform(ActionScaling())
+    for part in (env, transformed):
+        _share_bounds(part.full_observation_spec)
+        _share_bounds(part.full_state_spec)
     return transformed
+
+
+def _share_bounds(specs: Composite) -> None:
+    """Let all worlds share the bounds of one: of 4,096 worlds they are 180 MB."""
+    for key in specs.keys(True, True):
+        space = specs[key].space
+        if isinstance(space, ContinuousBox) and not space.batch_size:  # else they do already
+            space._low, space._high = (_shared(bound) for bound in (space.low, space.high))
+
+
+def _shared(bound: Tensor) -> Tensor:
+    first = bound.flatten()[:1]
+    return first.clone().expand(bound.shape) if bool((bound == first).all()) else bound
 
 
 def make_training_env(cfg: DictConfig, seed: int, num_worlds: int | None = None) -> TransformedEnv:
