@@ -57,6 +57,12 @@ class TestMinPool(TransformContract):
         with pytest.raises(ValueError, match=r"'ranges'.*48 beams, group_size 7"):
             _ = make_env([MinPool(group_size=7)]).observation_spec
 
+    def test_points_of_another_number_are_refused(self):
+        message = r"num_points=16: group_size=4 makes 12 of 48 beams; it needs a lidar of 64 beams"
+        with pytest.raises(ValueError, match=message):
+            _ = make_env([MinPool(group_size=4, num_points=16)]).observation_spec
+        assert make_env([MinPool(group_size=4, num_points=12)]).reset()["returns"].shape[1] == 12
+
     def test_called_with_bare_tensors(self):
         pooled, points, returns = MinPool()(ranges=torch.full((2, 1440), 1.0))
         assert pooled.shape == (2, 180)
