@@ -16,6 +16,7 @@ from navrl.build.evaluation import (
     record,
     run_evaluation,
 )
+from navrl.build.latency import measure_latency
 from navrl.build.run_folder import claim_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
 
@@ -31,6 +32,7 @@ __all__ = [
     "make_navigation_env",
     "make_pool",
     "make_trainer",
+    "measure_latency",
     "observation_shapes",
     "record",
     "run_benchmark",

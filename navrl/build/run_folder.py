@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 _FILE = "config.yaml"
 # Neither how it is played, nor what is kept or checked of it, changes a result.
-_HARMLESS = ("num_threads", "num_processes", "progress_bar", "recordings", "resume")
+_HARMLESS = ("num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume")
 _CHECKS = ("suite.version",)
 
 

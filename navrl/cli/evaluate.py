@@ -37,6 +37,14 @@ def main(cfg: DictConfig) -> float:
         summary["episodes"],
         folder,
     )
+    latency = build.measure_latency(cfg, folder)
+    if latency is not None:
+        log.info(
+            "decisions took %.2f ms (median), 95 %% of them at most %.2f ms, n=%d",
+            latency["median_ms"],
+            latency["p95_ms"],
+            latency["calls"],
+        )
     return summary["success_rate"]
 
 

@@ -138,6 +138,16 @@ def test_distances_to_people_are_between_surfaces():
     assert value(metrics.min_pedestrian_distance, *xs, **{**far, **RUN_INTO}) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("function", "limit"), [(metrics.beyond_intimate, 0.45), (metrics.beyond_personal, 1.2)]
+)
+def test_personal_space_ends_where_hall_says(function, limit):
+    # one person, the surfaces a millimetre within and beyond the limit: radius 0.2, half side 0.1
+    for gap, expected in ((limit - 1e-3, 0.0), (limit + 1e-3, 1.0)):
+        people = [[standing(0.3 + gap, 0.0)] * 2]
+        assert value(function, *along(0.0, 0.0), people=people) == expected
+
+
 def test_nobody_is_infinitely_far():
     alone = measure(trajectory(*along(0.0, 0.1)))
     assert alone["min_pedestrian_distance_m"] == np.inf
