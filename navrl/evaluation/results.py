@@ -18,6 +18,7 @@ from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
 
 OUTCOMES = tuple(o.name.lower() for o in Outcome if o is not Outcome.RUNNING)
+"""How an episode can end, by the names in the files; an error comes on top."""
 _COLUMNS = (
     "index",
     "scenario",

@@ -23,6 +23,7 @@ from navrl.sim import Contact
 from navrl.worlds import KINDS, ScenarioBatch
 
 ERROR = "error"
+"""The outcome of an episode that raised: an episode, and no success."""
 
 
 class Preparing(Protocol):

@@ -14,10 +14,8 @@ def nearest_point_on_box(
 ) -> tuple[float, float]:
     """Return the point of the box nearest to (x, y), which is (x, y) itself inside.
 
-    Args:
-        x, y: the point, m.
-        cx, cy, hx, hy: centre and half sizes of the box, m.
-        cos, sin: of the box's yaw.
+    All lengths are in m: the box has its centre at (cx, cy) and half sizes (hx, hy), and ``cos``
+    and ``sin`` are those of its yaw.
     """
     along = cos * (x - cx) + sin * (y - cy)
     across = cos * (y - cy) - sin * (x - cx)
@@ -37,13 +35,11 @@ def blame(
     """Return PEDESTRIAN if the robot moved into the pedestrian, RUN_INTO if it was hit.
 
     The robot is to blame if it drives faster than :data:`MOVING_SPEED` and the touched point lies
-    in the half-plane that it drives towards.
+    in the half-plane that it drives towards. Its centre is at (x, y), m, and it faces
+    (cos_yaw, sin_yaw); (px, py), m, is the pedestrian's point nearest to that centre.
 
     Args:
-        x, y: the robot's centre, m.
-        cos_yaw, sin_yaw: the direction the robot faces.
-        v: its forward speed, m/s, negative when it backs up.
-        px, py: the pedestrian's point nearest to the robot's centre, m.
+        v: the robot's forward speed, m/s, negative when it backs up.
     """
     ahead = (px - x) * cos_yaw + (py - y) * sin_yaw
     if (v > MOVING_SPEED and ahead > 0.0) or (v < -MOVING_SPEED and ahead < 0.0):

@@ -17,9 +17,11 @@ def advance_pose(
 ) -> tuple[float, float, float]:
     """Drive along a circular arc: a chord v t sin(h)/h long in direction yaw + h, where h = w t/2.
 
+    It starts at the pose (x, y, yaw), world, m and rad.
+
     Args:
-        x, y, yaw: pose, world, m and rad.
-        v, w: forward speed, m/s, and turn rate, rad/s, both constant over the interval.
+        v: forward speed, m/s, constant over the interval.
+        w: turn rate, rad/s, constant too.
         duration: s.
 
     Returns:

@@ -16,6 +16,7 @@ KINDS = (
     *("frontal_approach", "overtaking", "crossing", "blind_corner", "narrow_doorway"),
     *("narrow_hallway", "obstructed_doorway", "circular_crossing"),
 )
+"""Kinds of worlds by their codes in a batch; whatever is not named here is ``other``."""
 
 
 @dataclass(frozen=True)

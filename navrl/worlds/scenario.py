@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 MAX_ROUTE_POINTS = 32
+"""Most points that a pedestrian's route may have."""
 MAX_PATH_POINTS = 200
+"""Most points that a global path may have."""
 _FORMAT = "navrl-scenario-1"
 
 

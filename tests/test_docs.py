@@ -1,0 +1,81 @@
+"""The documentation site builds without a warning, and its reference has every public name."""
+
+import html
+import importlib
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+REFERENCE = ROOT / "docs" / "api"
+PACKAGES = [
+    *("transforms", "networks", "algos", "training", "sim", "envs", "worlds", "worlds.cards"),
+    *("evaluation", "evaluation.metrics", "policies", "policies.classical", "deploy"),
+    *("viz", "viz.report", "build"),
+]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for needed in ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers"):
+        if importlib.util.find_spec(needed) is None:
+            pytest.skip(f"the site needs {needed}: pip install -e '.[test,docs]'")
+    folder = tmp_path_factory.mktemp("site")
+    result = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stderr[-3000:]
+    return folder
+
+
+def words(page: Path) -> str:
+    """The text that a reader of the page sees, without spaces at which a line may break."""
+    article = re.search(r"<article.*?</article", page.read_text(), re.S)[0]
+    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", "", article)))
+
+
+def test_every_page_is_in_the_site(site):
+    for page in (ROOT / "docs").rglob("*.md"):
+        name = page.relative_to(ROOT / "docs").with_suffix("")
+        assert (site / name / "index.html").exists() or str(name) == "index", page
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_reference_has_an_entry_for_each_public_name(site, package):
+    module = importlib.import_module(f"navrl.{package}")
+    pages = "".join(page.read_text() for page in site.glob("api/*/index.html"))
+    for name in module.__all__:
+        home = getattr(getattr(module, name), "__module__", module.__name__)
+        ids = (f'id="{module.__name__}.{name}"', f'id="{home}.{name}"')
+        assert any(entry in pages for entry in ids), f"{package}.{name} has no entry in docs/api"
+
+
+def test_the_reference_shows_signatures_shapes_and_units(site):
+    transforms = words(site / "api" / "transforms" / "index.html")
+    assert 'MinPool( group_size: int = 8, max_range: float = 3.5, bearing: Bearing = "bin"' in (
+        transforms
+    )
+    assert "Pooled ranges [*B, N] m, points [*B, N, 2] m in the robot frame" in transforms
+    assert "m along the path from the robot's projection" in words(
+        site / "api" / "simulation" / "index.html"
+    )
+    for page in site.glob("api/*/index.html"):
+        assert not re.search(r":(func|class|meth|mod|attr|data):", words(page)), page
+
+
+def test_every_page_is_reachable():
+    """Without mkdocs at hand too: a page that the menu leaves out is found by nobody."""
+    menu = (ROOT / "mkdocs.yml").read_text()
+    for page in (ROOT / "docs").rglob("*.md"):
+        assert f": {page.relative_to(ROOT / 'docs')}\n" in menu, page
+    assert "strict: true" in menu
