@@ -193,7 +193,9 @@ class BoundTD3Loss(TD3Loss):
 
 def _bind(network: TensorDictModule, params: TensorDictParams | TensorDictBase) -> TensorDictModule:
     """Return a copy of a network that holds these very weights, for good."""
-    network = deepcopy(network)
+    # All is copied but the tensors, which stand in for weights and are about to be replaced.
+    tensors = [*network.parameters(), *network.buffers()]
+    network = deepcopy(network, {id(tensor): tensor for tensor in tensors})
     params.to_module(network)
     return network
 
