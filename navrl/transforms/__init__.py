@@ -3,6 +3,7 @@
 Transforms hold parameters, TensorDicts hold state: what must survive a step is a key.
 """
 
+from navrl.transforms.action_shield import ActionShield
 from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
@@ -17,6 +18,7 @@ from navrl.transforms.waypoints import Waypoints
 
 __all__ = [
     "TAGD",
+    "ActionShield",
     "GoalPosition",
     "ICPAlign",
     "MinPool",

@@ -8,11 +8,10 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
+from navrl.ops.motion import FAR, point_motion, room_along
 from navrl.ops.unicycle import advance_poses
 from navrl.policies.classical.commands import normalized_action, physical_command
 from navrl.sim import DifferentialDrive
-
-_FAR = 100.0  # m, where points go that are no obstacle
 
 
 class DynamicWindow(TensorDictModuleBase):
@@ -104,7 +103,7 @@ class DynamicWindow(TensorDictModuleBase):
             tensordict.get(key).flatten(0, len(batch) - 1) if batch else tensordict.get(key)[None]
             for key in self.in_keys
         )
-        points = torch.where(returns.unsqueeze(-1), points, _FAR)
+        points = torch.where(returns.unsqueeze(-1), points, FAR)
         velocity = self._point_velocity(points, *tagd) if tagd else torch.zeros_like(points)
         samples = self._window(tensordict.get(keys.ACTION, None), len(points), points.device)
         arcs = self._arcs(samples)
@@ -134,23 +133,15 @@ class DynamicWindow(TensorDictModuleBase):
 
     def _point_velocity(self, points: Tensor, tagd: Tensor, valid: Tensor) -> Tensor:
         """Return ``[N, P, 2]`` m a step of points; zero where nothing moved."""
-        before, now = tagd.split(2, dim=-1)
-        motion = now - before
-        low, high = (speed * self.time_step_s for speed in self.speed_range)
-        length = motion.norm(dim=-1)
-        moved = valid.all(-1) & (length > low) & (length < high)
-        gap = torch.cdist(points, torch.where(moved.unsqueeze(-1), now, -_FAR))
-        nearest, group = gap.min(dim=-1, keepdim=True)
-        carried = motion.gather(1, group.expand(*group.shape[:-1], 2))
-        return torch.where(nearest <= self.group_radius, carried, 0.0)
+        least, most = (speed * self.time_step_s for speed in self.speed_range)
+        return point_motion(
+            points, tagd, valid, least=least, most=most, group_radius=self.group_radius
+        )
 
     def _room(self, arcs: Tensor, points: Tensor, velocity: Tensor) -> Tensor:
         """Return ``[N, S, T]`` m from the hull to the nearest point at each step."""
-        gaps = [
-            torch.cdist(arcs[:, :, k], points + (k + 1) * velocity).amin(-1)
-            for k in range(self.horizon_steps)
-        ]
-        return torch.stack(gaps, dim=-1) - self.robot.radius
+        steps = range(1, self.horizon_steps + 1)
+        return room_along(arcs, points, velocity, steps) - self.robot.radius
 
     def _score(self, arcs: Tensor, room: Tensor, waypoints: Tensor) -> Tensor:
         """Return ``[N, S]``, larger is better."""

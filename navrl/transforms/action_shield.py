@@ -1,0 +1,198 @@
+"""A last look at every command before it is driven."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite
+from torchrl.envs import Transform
+
+from navrl import keys
+from navrl.ops.motion import FAR, point_motion, room_along
+from navrl.ops.unicycle import advance_poses
+from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
+
+
+class ActionShield(Transform):
+    """Replace a command that leads into something by the most similar one that does not.
+
+    The command is held for ``horizon``; points of the scan stay where they are, or walk on as the
+    descriptor walks that they belong to. If the hull comes within ``margin`` of one, the nearest
+    command of a grid that stays clear is driven instead, in units of the limits' ranges; if none
+    does, the one that keeps the most room. A command that stays clear passes unchanged.
+
+    Both sides see (v, w). As a step of a pipeline it travels with the pipeline: into training,
+    evaluation, a policy bundle and onto a robot, by ``inv``. What is stored is the policy's own
+    action. Nothing privileged is read, and nothing is promised: an obstacle out of sight, or a
+    pedestrian who turns, can still be run into.
+
+    Args:
+        radius: Of the robot, m.
+        min_speed: Of the robot, m/s.
+        max_speed: Of the robot, m/s.
+        max_turn_rate: Of the robot, rad/s.
+        time_step: Between two scans, s.
+        horizon: Time for which a command is held, s.
+        checks_per_step: Places on the arc that are checked in each time step.
+        margin: Kept between hull and points, m.
+        num_speeds: Speeds of the grid.
+        num_turn_rates: Turn rates of the grid; odd, so that straight on is one of them.
+        least_speed: A descriptor that moves slower stands, m/s: noise of scan and alignment.
+        most_speed: A faster one is a mismatch, m/s.
+        group_radius: Around a moved centroid within which points move with it, m.
+        scan_keys: Points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]`` bool, descriptors
+            ``[*B, G, 4]`` m and which halves are real ``[*B, G, 2]`` bool, at the time of the
+            action.
+        action_key: The command ``[*B, 2]``, for both sides.
+
+    Raises:
+        ValueError: If a value is out of range, or later if a key is missing.
+
+    Reference:
+        Not in the paper. Shielding of learned policies: Alshiekh et al., "Safe Reinforcement
+        Learning via Shielding", 2018. Ours: the arcs of a dynamic window (Fox et al. 1997) among
+        points that walk on with their TAGDs.
+    """
+
+    invertible = True
+
+    def __init__(
+        self,
+        radius: float = 0.178,
+        min_speed: float = 0.0,
+        max_speed: float = 1.0,
+        max_turn_rate: float = math.pi,
+        time_step: float = 0.2,
+        horizon: float = 0.4,
+        checks_per_step: int = 2,
+        margin: float = 0.03,
+        num_speeds: int = 11,
+        num_turn_rates: int = 25,
+        least_speed: float = 0.3,
+        most_speed: float = 1.5,
+        group_radius: float = 0.3,
+        scan_keys: Keys = (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
+        action_key: NestedKey | list[str] = keys.ACTION,
+    ) -> None:
+        action_keys = nested_keys([action_key])
+        super().__init__(
+            in_keys=[], out_keys=[], in_keys_inv=action_keys, out_keys_inv=list(action_keys)
+        )
+        self.scan_keys = nested_keys(scan_keys)
+        if len(self.scan_keys) != 4:
+            raise ValueError(
+                f"scan_keys must be 4 keys (points, returns, descriptors, valid), "
+                f"got {self.scan_keys}"
+            )
+        _check_positive(
+            radius=radius,
+            max_turn_rate=max_turn_rate,
+            time_step=time_step,
+            horizon=horizon,
+            group_radius=group_radius,
+            checks_per_step=checks_per_step,
+        )
+        if not (0.0 <= margin < math.inf and -math.inf < min_speed < max_speed < math.inf):
+            raise ValueError(
+                f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
+                "need min_speed < max_speed"
+            )
+        if not 0.0 < least_speed < most_speed:
+            raise ValueError(
+                f"least_speed={least_speed}, most_speed={most_speed}: "
+                "need 0 < least_speed < most_speed"
+            )
+        if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
+            raise ValueError(
+                f"num_speeds={num_speeds}: need at least 2; "
+                f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
+            )
+        self.radius, self.margin, self.time_step = radius, margin, time_step
+        self.speed_range = (least_speed, most_speed)
+        self.group_radius = group_radius
+        count = math.ceil(horizon / time_step * checks_per_step)
+        self.times = [horizon * (k + 1) / count for k in range(count)]
+        speeds = torch.linspace(min_speed, max_speed, num_speeds)
+        turns = torch.linspace(-max_turn_rate, max_turn_rate, num_turn_rates)
+        self.register_buffer("_grid", torch.cartesian_prod(speeds, turns), persistent=False)
+        self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
+
+    def shield(
+        self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
+    ) -> Tensor:
+        """Return the commands ``[N, 2]`` m/s and rad/s to drive.
+
+        Args:
+            command: ``[N, 2]`` (v, w) asked for.
+            points: ``[N, P, 2]`` m, robot frame.
+            returns: ``[N, P]`` bool.
+            tagd: ``[N, G, 4]`` m, (c_{t-1}, c_t), robot frame.
+            valid: ``[N, G, 2]`` bool.
+        """
+        points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
+        least, most = (speed * self.time_step for speed in self.speed_range)
+        motion = point_motion(
+            points, tagd.float(), valid, least=least, most=most, group_radius=self.group_radius
+        )
+        blocked = self._room(command.unsqueeze(1), points, motion)[:, 0] <= self.margin
+        rows = blocked.nonzero()[:, 0]  # few: only for them the grid is tried
+        if not len(rows):
+            return command
+        grid = self._grid.to(command)
+        room = self._room(grid.expand(len(rows), -1, -1), points[rows], motion[rows])
+        change = (grid - command[rows].unsqueeze(1)) / grid.new_tensor(self._range)
+        nearest = torch.where(room > self.margin, change.square().sum(-1), math.inf)
+        is_stuck = nearest.amin(-1).isinf()
+        best = torch.where(is_stuck, room.argmax(-1), nearest.argmin(-1))
+        return command.index_put((rows,), grid[best])
+
+    def _room(self, commands: Tensor, points: Tensor, motion: Tensor) -> Tensor:
+        """Return ``[N, S]`` m, the least between the hull and a point while a command is held."""
+        times = commands.new_tensor(self.times)
+        driven = commands.unsqueeze(-2) * times.unsqueeze(-1)  # m and rad since now
+        places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
+        steps = [time / self.time_step for time in self.times]
+        return room_along(places, points, motion, steps).amin(-1) - self.radius
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Replace the commands that lead into something."""
+        command = read(self, tensordict, self.out_keys_inv[0])
+        seen = [read(self, tensordict, key) for key in self.scan_keys]
+        batch = command.shape[:-1]
+        flat = (value.reshape(-1, *value.shape[len(batch) :]) for value in (command, *seen))
+        return tensordict.set(self.in_keys_inv[0], self.shield(*flat).reshape(*batch, 2))
+
+    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return tensordict_reset
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Leave stored data alone: it holds the policy's own action."""
+        return tensordict
+
+    def transform_input_spec(self, input_spec: Composite) -> Composite:
+        """Declare that a step reads the scan and its descriptors."""
+        input_spec = input_spec.clone()
+        for key in self.scan_keys:
+            spec = read_spec(self, self.parent.full_observation_spec, key)
+            input_spec["full_state_spec"][key] = spec.clone()
+        command = read_spec(self, input_spec["full_action_spec"], self.in_keys_inv[0])
+        if command.shape[-1:] != (2,):
+            raise ValueError(
+                f"ActionShield: {self.in_keys_inv[0]!r} must be (v, w) [*B, 2], "
+                f"got {tuple(command.shape)}"
+            )
+        return input_spec
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ValueError(f"{name} must be positive and finite, got {value}")
