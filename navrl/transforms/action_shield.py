@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey
 from torch import Tensor
-from torchrl.data import Composite
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.ops.motion import FAR, point_motion, room_along
 from navrl.ops.unicycle import advance_poses
-from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
+from navrl.transforms.action_map import ActionMap, check_positive
+from navrl.transforms.observation_map import Keys
 
 
-class ActionShield(Transform):
+class ActionShield(ActionMap):
     """Replace a command that leads into something by the most similar one that does not.
 
     The command is held for ``horizon``; points of the scan stay where they are, or walk on as the
@@ -24,10 +23,8 @@ class ActionShield(Transform):
     command of a grid that stays clear is driven instead, in units of the limits' ranges; if none
     does, the one that keeps the most room. A command that stays clear passes unchanged.
 
-    Both sides see (v, w). As a step of a pipeline it travels with the pipeline: into training,
-    evaluation, a policy bundle and onto a robot, by ``inv``. What is stored is the policy's own
-    action. Nothing privileged is read, and nothing is promised: an obstacle out of sight, or a
-    pedestrian who turns, can still be run into.
+    Both sides see (v, w). Nothing privileged is read, and nothing is promised: an obstacle out of
+    sight, or a pedestrian who turns, can still be run into.
 
     Args:
         radius: Of the robot, m.
@@ -57,8 +54,6 @@ class ActionShield(Transform):
         points that walk on with their TAGDs.
     """
 
-    invertible = True
-
     def __init__(
         self,
         radius: float = 0.178,
@@ -77,17 +72,8 @@ class ActionShield(Transform):
         scan_keys: Keys = (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
         action_key: NestedKey | list[str] = keys.ACTION,
     ) -> None:
-        action_keys = nested_keys([action_key])
-        super().__init__(
-            in_keys=[], out_keys=[], in_keys_inv=action_keys, out_keys_inv=list(action_keys)
-        )
-        self.scan_keys = nested_keys(scan_keys)
-        if len(self.scan_keys) != 4:
-            raise ValueError(
-                f"scan_keys must be 4 keys (points, returns, descriptors, valid), "
-                f"got {self.scan_keys}"
-            )
-        _check_positive(
+        super().__init__(("points", "returns", "descriptors", "valid"), scan_keys, action_key)
+        check_positive(
             radius=radius,
             max_turn_rate=max_turn_rate,
             time_step=time_step,
@@ -120,18 +106,21 @@ class ActionShield(Transform):
         self.register_buffer("_grid", torch.cartesian_prod(speeds, turns), persistent=False)
         self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
 
-    def shield(
-        self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
-    ) -> Tensor:
-        """Return the commands ``[N, 2]`` m/s and rad/s to drive.
+    def command(self, action: Tensor, *seen: Tensor) -> Tensor:
+        """Return the commands ``[*B, 2]`` m/s and rad/s to drive.
 
         Args:
-            command: ``[N, 2]`` (v, w) asked for.
-            points: ``[N, P, 2]`` m, robot frame.
-            returns: ``[N, P]`` bool.
-            tagd: ``[N, G, 4]`` m, (c_{t-1}, c_t), robot frame.
-            valid: ``[N, G, 2]`` bool.
+            action: ``[*B, 2]`` (v, w) asked for.
+            seen: Points ``[*B, P, 2]`` m, returns ``[*B, P]`` bool, descriptors ``[*B, G, 4]`` m
+                and which halves are real ``[*B, G, 2]`` bool.
         """
+        batch = action.shape[:-1]
+        flat = (value.reshape(-1, *value.shape[len(batch) :]) for value in (action, *seen))
+        return self._shielded(*flat).reshape(*batch, 2)
+
+    def _shielded(
+        self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
+    ) -> Tensor:
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
         least, most = (speed * self.time_step for speed in self.speed_range)
         motion = point_motion(
@@ -156,43 +145,3 @@ class ActionShield(Transform):
         places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
         steps = [time / self.time_step for time in self.times]
         return room_along(places, points, motion, steps).amin(-1) - self.radius
-
-    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Replace the commands that lead into something."""
-        command = read(self, tensordict, self.out_keys_inv[0])
-        seen = [read(self, tensordict, key) for key in self.scan_keys]
-        batch = command.shape[:-1]
-        flat = (value.reshape(-1, *value.shape[len(batch) :]) for value in (command, *seen))
-        return tensordict.set(self.in_keys_inv[0], self.shield(*flat).reshape(*batch, 2))
-
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return tensordict_reset
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Leave stored data alone: it holds the policy's own action."""
-        return tensordict
-
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Declare that a step reads the scan and its descriptors."""
-        input_spec = input_spec.clone()
-        for key in self.scan_keys:
-            spec = read_spec(self, self.parent.full_observation_spec, key)
-            input_spec["full_state_spec"][key] = spec.clone()
-        command = read_spec(self, input_spec["full_action_spec"], self.in_keys_inv[0])
-        if command.shape[-1:] != (2,):
-            raise ValueError(
-                f"ActionShield: {self.in_keys_inv[0]!r} must be (v, w) [*B, 2], "
-                f"got {tuple(command.shape)}"
-            )
-        return input_spec
-
-
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (value > 0.0 and math.isfinite(value)):
-            raise ValueError(f"{name} must be positive and finite, got {value}")

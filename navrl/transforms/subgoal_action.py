@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey
 from torch import Tensor
 from torchrl.data import Bounded, Composite
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.ops.subgoal import free_distance, steer_to
-from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
+from navrl.transforms.action_map import ActionMap, check_positive
+from navrl.transforms.observation_map import Keys
 
 
-class SubgoalAction(Transform):
+class SubgoalAction(ActionMap):
     """Take an action as a point to go to, not as a velocity.
 
     The policy names a distance and a bearing from the robot. The point is drawn back on its ray
@@ -24,8 +24,7 @@ class SubgoalAction(Transform):
 
     Towards the policy the action becomes (distance, bearing) in ``[0, max_distance]`` m and
     ``[-max_bearing, max_bearing]`` rad, which TorchRL's ``ActionScaling`` behind it scales to
-    [-1, 1]; the environment before it gets (v, w). As a step of a pipeline it travels with the
-    pipeline: into evaluation, into a policy bundle and onto a robot, by ``inv``.
+    [-1, 1]; the environment before it gets (v, w).
 
     Args:
         max_distance: Farthest subgoal, m.
@@ -49,8 +48,6 @@ class SubgoalAction(Transform):
         action means, and one network is trained as for all others.
     """
 
-    invertible = True
-
     def __init__(
         self,
         max_distance: float = 1.0,
@@ -62,24 +59,15 @@ class SubgoalAction(Transform):
         scan_keys: Keys = (keys.POINTS, keys.RETURNS),
         action_key: NestedKey | list[str] = keys.ACTION,
     ) -> None:
-        action_keys = nested_keys([action_key])
-        super().__init__(
-            in_keys=[], out_keys=[], in_keys_inv=action_keys, out_keys_inv=list(action_keys)
+        super().__init__(("points", "returns"), scan_keys, action_key)
+        check_positive(
+            max_distance=max_distance,
+            max_bearing=max_bearing,
+            horizon=horizon,
+            radius=radius,
+            max_speed=max_speed,
+            max_turn_rate=max_turn_rate,
         )
-        self.scan_keys = nested_keys(scan_keys)
-        if len(self.scan_keys) != 2:
-            raise ValueError(f"scan_keys must be 2 keys (points, returns), got {self.scan_keys}")
-        positive = {
-            "max_distance": max_distance,
-            "max_bearing": max_bearing,
-            "horizon": horizon,
-            "radius": radius,
-            "max_speed": max_speed,
-            "max_turn_rate": max_turn_rate,
-        }
-        for name, value in positive.items():
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
         if max_bearing > math.pi:
             raise ValueError(f"max_bearing must be at most pi (rad), got {max_bearing}")
         self.max_distance, self.max_bearing = max_distance, max_bearing
@@ -100,38 +88,15 @@ class SubgoalAction(Transform):
         distance = torch.minimum(distance.clamp(0.0, self.max_distance), free)
         return torch.stack([distance, bearing], dim=-1)
 
-    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Replace a subgoal by the command that leads there."""
-        action = read(self, tensordict, self.out_keys_inv[0])
-        points, returns = (read(self, tensordict, key) for key in self.scan_keys)
-        distance, bearing = self.subgoal(action, points, returns).unbind(-1)
-        command = steer_to(distance, bearing, self.horizon, self.max_speed, self.max_turn_rate)
-        return tensordict.set(self.in_keys_inv[0], command)
-
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return tensordict_reset
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Leave stored data alone: it holds the policy's own action."""
-        return tensordict
+    def command(self, action: Tensor, *seen: Tensor) -> Tensor:
+        """Return the command ``[*B, 2]`` that leads to a subgoal; as :meth:`subgoal` otherwise."""
+        distance, bearing = self.subgoal(action, *seen).unbind(-1)
+        return steer_to(distance, bearing, self.horizon, self.max_speed, self.max_turn_rate)
 
     def transform_input_spec(self, input_spec: Composite) -> Composite:
         """Bound the action as a subgoal, and declare that a step reads the scan."""
-        input_spec = input_spec.clone()
-        for key in self.scan_keys:
-            spec = read_spec(self, self.parent.full_observation_spec, key)
-            input_spec["full_state_spec"][key] = spec.clone()
-        command = read_spec(self, input_spec["full_action_spec"], self.in_keys_inv[0])
-        if command.shape[-1:] != (2,):
-            raise ValueError(
-                f"SubgoalAction: {self.in_keys_inv[0]!r} must be (v, w) [*B, 2], "
-                f"got {tuple(command.shape)}"
-            )
+        input_spec = super().transform_input_spec(input_spec)
+        command = input_spec["full_action_spec"][self.in_keys_inv[0]]
         high = torch.tensor([self.max_distance, self.max_bearing], device=command.device)
         low = torch.tensor([0.0, -self.max_bearing], device=command.device)
         bounds = (bound.expand(command.shape).contiguous() for bound in (low, high))

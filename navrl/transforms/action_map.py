@@ -1,0 +1,95 @@
+"""What turns a policy's action into another command has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite
+from torchrl.envs import Transform
+
+from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
+
+
+class ActionMap(Transform):
+    """Make a command (v, w) of an action, with what the robot sees when it acts.
+
+    As a step of a pipeline it travels with the pipeline: into training, evaluation, a policy bundle
+    and onto a robot, by ``inv``. Stored data is left alone: it holds the policy's own action.
+    Subclasses implement :meth:`command`.
+
+    Args:
+        names: What the keys of ``scan_keys`` hold, for messages.
+        scan_keys: What is read at the time of the action.
+        action_key: The action, for both sides.
+
+    Raises:
+        ValueError: If the number of keys is wrong, or later if a key is missing.
+    """
+
+    invertible = True
+
+    def __init__(
+        self, names: Sequence[str], scan_keys: Keys, action_key: NestedKey | list[str]
+    ) -> None:
+        action_keys = nested_keys([action_key])
+        super().__init__(
+            in_keys=[], out_keys=[], in_keys_inv=action_keys, out_keys_inv=list(action_keys)
+        )
+        self.scan_keys = nested_keys(scan_keys)
+        if len(self.scan_keys) != len(names):
+            raise ValueError(
+                f"scan_keys must be {len(names)} keys ({', '.join(names)}), got {self.scan_keys}"
+            )
+
+    def command(self, action: Tensor, *seen: Tensor) -> Tensor:
+        """Return the commands ``[*B, 2]``, m/s and rad/s.
+
+        Args:
+            action: ``[*B, 2]`` the policy's.
+            seen: What ``scan_keys`` hold, ``[*B, ...]``.
+        """
+        raise NotImplementedError
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = read(self, tensordict, self.out_keys_inv[0])
+        seen = (read(self, tensordict, key) for key in self.scan_keys)
+        return tensordict.set(self.in_keys_inv[0], self.command(action, *seen))
+
+    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return tensordict_reset
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Leave stored data alone: it holds the policy's own action."""
+        return tensordict
+
+    def transform_input_spec(self, input_spec: Composite) -> Composite:
+        """Declare that a step reads the scan."""
+        input_spec = input_spec.clone()
+        for key in self.scan_keys:
+            spec = read_spec(self, self.parent.full_observation_spec, key)
+            input_spec["full_state_spec"][key] = spec.clone()
+        command = read_spec(self, input_spec["full_action_spec"], self.in_keys_inv[0])
+        if command.shape[-1:] != (2,):
+            raise ValueError(
+                f"{type(self).__name__}: {self.in_keys_inv[0]!r} must be (v, w) [*B, 2], "
+                f"got {tuple(command.shape)}"
+            )
+        return input_spec
+
+
+def check_positive(**values: float) -> None:
+    """Hold arguments to be positive and finite.
+
+    Raises:
+        ValueError: At the first that is not, naming it.
+    """
+    for name, value in values.items():
+        if not 0.0 < value < float("inf"):
+            raise ValueError(f"{name} must be positive and finite, got {value}")

@@ -1,0 +1,228 @@
+"""A command that leads into something is not driven: what is driven instead, and when."""
+
+import math
+import pickle
+
+import pytest
+import torch
+from contract import DEVICES
+from lidar_envs import RoomEnv, StrangersEnv
+from tensordict import TensorDict
+from torchrl.envs import ActionScaling, Compose, GymWrapper, TransformedEnv
+from torchrl.envs.utils import check_env_specs
+
+from navrl import keys
+from navrl.ops.motion import point_motion, room_along
+from navrl.transforms import TAGD, ActionShield, ICPAlign, MinPool, ScanHistory
+
+RADIUS, MARGIN = 0.178, 0.03
+
+
+def pipeline(**kwargs) -> list:
+    return [MinPool(group_size=1), ScanHistory(), ICPAlign(), TAGD(), ActionShield(**kwargs)]
+
+
+def seen(*points, motion=(0.0, 0.0), valid=True) -> TensorDict:
+    """Return what a robot sees of points of which the first group is at the first of them."""
+    points = torch.tensor(points or [(3.5, 0.0)])
+    now = points[:1]
+    tagd = torch.cat([now - torch.tensor([motion]), now], dim=-1)
+    return TensorDict(
+        {
+            keys.POINTS: points,
+            keys.RETURNS: torch.full((len(points),), bool(len(points)) and points[0, 0] < 3.5),
+            keys.TAGD: tagd,
+            keys.TAGD_VALID: torch.full((1, 2), valid),
+        }
+    )
+
+
+def driven(scan: TensorDict, v: float, w: float = 0.0, **kwargs) -> tuple[float, float]:
+    return tuple(
+        ActionShield(**kwargs).inv(scan.set(keys.ACTION, torch.tensor([v, w])))["action"].tolist()
+    )
+
+
+def hull_gap(command: tuple[float, float], point, motion=(0.0, 0.0), horizon: float = 0.4) -> float:
+    """Return m between hull and point at the closest, by small steps of an integration."""
+    x = y = yaw = 0.0
+    least, step = math.inf, 1e-3
+    for k in range(round(horizon / step)):
+        yaw += 0.5 * command[1] * step
+        x, y = x + command[0] * math.cos(yaw) * step, y + command[0] * math.sin(yaw) * step
+        yaw += 0.5 * command[1] * step
+        t = (k + 1) * step / 0.2
+        gap = math.hypot(point[0] + motion[0] * t - x, point[1] + motion[1] * t - y)
+        least = min(least, gap)
+    return least - RADIUS
+
+
+@pytest.mark.parametrize("command", [(1.0, 0.0), (0.0, 3.14), (0.371, -1.234)])
+def test_a_command_that_stays_clear_passes_to_the_bit(command):
+    scan = seen((1.5, 0.4), (0.3, 1.4))
+    assert driven(scan, *command) == tuple(torch.tensor(command).tolist())
+
+
+def test_points_without_return_are_no_obstacle():
+    scan = seen((0.25, 0.0))
+    assert driven(scan.clone(), 1.0) != (1.0, 0.0)
+    scan[keys.RETURNS][:] = False
+    assert driven(scan, 1.0) == (1.0, 0.0)
+
+
+def test_the_most_similar_command_that_stays_clear_is_driven():
+    """A point 0.45 m ahead: of all commands of the grid none that stays clear is nearer."""
+    command = driven(seen((0.45, 0.0)), 1.0)
+    assert hull_gap((1.0, 0.0), (0.45, 0.0)) < MARGIN <= hull_gap(command, (0.45, 0.0)) + 1e-3
+
+    def change(v, w):
+        return (v - 1.0) ** 2 + (w / (2 * math.pi)) ** 2
+
+    for v in torch.linspace(0, 1, 11).tolist():
+        for w in torch.linspace(-math.pi, math.pi, 25).tolist():
+            if change(v, w) < change(*command) - 1e-6:  # checked at four places, as the shield does
+                places = [(k + 1) * 0.1 for k in range(4)]
+                gaps = [end_gap(v, w, t, (0.45, 0.0)) for t in places]
+                assert min(gaps) <= MARGIN + 1e-5
+
+
+def end_gap(v: float, w: float, t: float, point) -> float:
+    half = 0.5 * w * t
+    chord = v * t * (math.sin(half) / half if half else 1.0)
+    return math.hypot(point[0] - chord * math.cos(half), point[1] - chord * math.sin(half)) - RADIUS
+
+
+def test_without_a_way_out_the_most_room_is_kept():
+    ring = [(0.19 * math.cos(a), 0.19 * math.sin(a)) for a in torch.linspace(0, 6.2, 60).tolist()]
+    v, _ = driven(seen(*ring), 1.0)
+    assert v == 0.0
+
+
+def test_pedestrians_walk_on_with_their_descriptors():
+    """Somebody comes from the left, 0.2 m a step: in 0.4 s he is in front of the robot."""
+    person, motion = (0.5, 0.45), (0.0, -0.2)
+    assert driven(seen(person), 1.0) == (1.0, 0.0)
+    command = driven(seen(person, motion=motion), 1.0)
+    assert hull_gap((1.0, 0.0), person, motion) < MARGIN
+    assert hull_gap(command, person, motion) > MARGIN - 0.01  # between two checked places
+
+
+@pytest.mark.parametrize(
+    ("motion", "valid"),
+    [((0.0, -0.03), True), ((0.0, -0.5), True), ((0.0, -0.2), False)],
+    ids=["noise", "mismatch", "seen once"],
+)
+def test_what_is_no_motion_moves_nobody(motion, valid):
+    assert driven(seen((0.5, 0.45), motion=motion, valid=valid), 1.0) == (1.0, 0.0)
+
+
+def test_only_points_around_a_moved_group_move():
+    points = torch.tensor([[[1.0, 0.0], [1.2, 0.0], [1.4, 0.0]]])
+    tagd = torch.tensor([[[0.9, 0.0, 1.0, 0.0], [2.0, 0.0, 2.0, 0.0]]])
+    valid = torch.ones(1, 2, 2, dtype=torch.bool)
+    kind = {"least": 0.05, "most": 0.3, "group_radius": 0.3}
+    motion = point_motion(points, tagd, valid, **kind)
+    torch.testing.assert_close(motion[0, :, 0], torch.tensor([0.1, 0.1, 0.0]))
+    assert motion[..., 1].abs().max() == 0.0
+
+
+def test_room_is_taken_at_the_time_of_the_place():
+    places = torch.tensor([[[[0.0, 0.0], [1.0, 0.0]]]])
+    points, motion = torch.tensor([[[2.0, 0.0]]]), torch.tensor([[[0.5, 0.0]]])
+    room = room_along(places, points, motion, [1, 4])
+    torch.testing.assert_close(room, torch.tensor([[[2.5, 3.0]]]))
+
+
+def test_the_environment_gets_the_command_and_the_caller_keeps_its_action():
+    env = TransformedEnv(RoomEnv(64, done_rate=0.0), Compose(*pipeline(), ActionScaling()))
+    check_env_specs(env)
+    got, step = [], env.base_env._step
+    env.base_env._step = lambda td: got.append(td["action"].clone()) or step(td)
+    env.set_seed(0)
+    root = env.reset()
+    root[keys.POINTS] = 0.2 * root[keys.POINTS]  # nearer walls: the caller's scan is what counts
+    asked = 2 * torch.rand(64, 2, generator=torch.Generator().manual_seed(0)) - 1
+    stepped = env.step(root.clone().set("action", asked))
+    assert torch.equal(stepped["action"], asked)
+    plain = TransformedEnv(RoomEnv(64, done_rate=0.0), ActionScaling())
+    plain.reset()
+    wished = plain.transform.inv(TensorDict({"action": asked}, [64]))["action"]
+    assert 0 < (got[0] != wished).any(-1).sum() < 64
+    seen_then = (root[key] for key in ActionShield().scan_keys)
+    torch.testing.assert_close(got[0], ActionShield().command(wished, *seen_then))
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
+def test_any_batch_shape_and_device(batch, device):
+    generator = torch.Generator().manual_seed(1)
+    env = TransformedEnv(RoomEnv(6, done_rate=0.0), Compose(*pipeline()))
+    env.set_seed(0)
+    root = env.reset().set("action", torch.rand(6, 2, generator=generator))
+    count = max(1, math.prod(batch))
+    data = root[:count].reshape(*batch) if batch else root[0]
+    command = ActionShield().to(device).inv(data.clone().to(device))["action"]
+    assert command.shape == (*batch, 2) and command.device.type == device
+    alone = torch.stack([ActionShield().inv(root[i].clone())["action"] for i in range(count)])
+    torch.testing.assert_close(command.reshape(-1, 2).cpu(), alone)
+
+
+def test_stored_data_keeps_the_policys_action():
+    scan = seen((0.25, 0.0)).set("action", torch.tensor([1.0, 0.0]))
+    assert ActionShield()(scan.clone())["action"].tolist() == [1.0, 0.0]
+
+
+def test_clone_and_pickle():
+    scan = seen((0.25, 0.0)).set("action", torch.tensor([1.0, 0.0]))
+    transform = ActionShield()
+    expected = transform.inv(scan.clone())["action"]
+    for copy in (transform.clone(), pickle.loads(pickle.dumps(transform))):
+        assert torch.equal(copy.inv(scan.clone())["action"], expected)
+    assert not list(transform.parameters()) and not transform.state_dict()
+
+
+def test_foreign_env():
+    scan = [["scan", "r"], ["scan", "xy"], ["scan", "hit"]]
+    past = [["past", "xy"], ["past", "hit"]]
+    aligned, groups = ["aligned"], [["tagd", "c"], ["tagd", "ok"]]
+    steps = [
+        MinPool(3, 2.5, in_keys=["laser"], out_keys=scan),
+        ScanHistory(in_keys=scan[1:], out_keys=past),
+        ICPAlign(in_keys=[*past, *scan[1:]], out_keys=[*aligned, "motion", "converged", "inliers"]),
+        TAGD(in_keys=[*scan[1:], *aligned, past[1]], out_keys=groups),
+        ActionShield(scan_keys=[*scan[1:], *groups]),
+    ]
+    env = TransformedEnv(GymWrapper(StrangersEnv()), Compose(*steps, ActionScaling()))
+    check_env_specs(env)
+    assert env.rollout(5)["action"].abs().max() <= 1.0
+
+
+@pytest.mark.parametrize("key", ["action", keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID])
+def test_missing_key_is_named(key):
+    scan = seen((1.0, 0.0)).set("action", torch.zeros(2))
+    with pytest.raises(ValueError, match=f"ActionShield needs key '{key}'"):
+        ActionShield().inv(scan.exclude(key))
+    env = TransformedEnv(RoomEnv(1, num_beams=1440), Compose(MinPool(), ActionShield()))
+    with pytest.raises(ValueError, match="ActionShield needs key 'tagd'"):
+        _ = env.action_spec
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"radius": 0.0}, "radius must be positive.*0.0"),
+        ({"horizon": math.nan}, "horizon must be positive.*nan"),
+        ({"time_step": -0.2}, "time_step must be positive.*-0.2"),
+        ({"checks_per_step": 0}, "checks_per_step must be positive.*0"),
+        ({"max_turn_rate": math.inf}, "max_turn_rate must be positive.*inf"),
+        ({"margin": -0.1}, "margin=-0.1: must be >= 0"),
+        ({"min_speed": 1.0}, "min_speed=1.0, max_speed=1.0: need min_speed < max_speed"),
+        ({"least_speed": 2.0}, "least_speed=2.0, most_speed=1.5"),
+        ({"num_speeds": 1}, "num_speeds=1: need at least 2"),
+        ({"num_turn_rates": 24}, "num_turn_rates=24: need an odd number"),
+        ({"scan_keys": ["points"]}, "scan_keys must be 4 keys"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ActionShield(**arguments)
