@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from navrl import keys
+from navrl.build.environment import make_training_env
+from navrl.config import compose
+
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs" / "api"
 PACKAGES = [
@@ -79,3 +83,24 @@ def test_every_page_is_reachable():
     for page in (ROOT / "docs").rglob("*.md"):
         assert f": {page.relative_to(ROOT / 'docs')}\n" in menu, page
     assert "strict: true" in menu
+
+
+def test_the_pipeline_names_every_folder_and_key_with_the_shapes_there_are():
+    page = (ROOT / "docs" / "pipeline.md").read_text()
+    folders = {folder.parent.name for folder in (ROOT / "navrl").glob("*/__init__.py")}
+    assert all(f"`{folder}`" in page for folder in folders)
+    names = {value for name, value in vars(keys).items() if name.isupper()}
+    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \| (.*?) \| ", page.partition("## Keys")[2], re.M)
+    shapes = {}
+    for listed, shape in rows:
+        found = re.findall(r"`\[(.*?)\]`", shape)
+        for k, key in enumerate(re.findall(r"`(\w+)`", listed)):
+            shapes[key] = found[k if len(found) > 1 else 0] if found else None
+    assert shapes.keys() == names
+    cfg = compose("train", ["experiment=paper", "pool_size=2", "num_threads=1"])
+    env = make_training_env(cfg, seed=0, num_worlds=2)
+    step = env.rand_step(env.reset())["next"]
+    seen = {key: list(step[key].shape) for key in names & set(step.keys()) if shapes[key]}
+    assert len(seen) >= 19
+    for key, shape in seen.items():
+        assert [2, *map(int, shapes[key].split(", ")[1:])] == shape, key
