@@ -90,7 +90,7 @@ def shortened(command: str) -> tuple[str, tuple[str, ...]]:
 def check(command: str, capsys) -> None:
     """Run a command; it ends well, or as it must on a machine without GPU or display."""
     if any(word in command for word in ELSEWHERE):
-        single = re.sub(r" -m | hydra/\S+| hydra\.launcher\S+", " ", f"{command} ")
+        single = re.sub(r"(?<=\s)(-m|hydra/\S+|hydra\.launcher\S+)(?=\s)", "", f"{command} ")
         single = re.sub(r"=([^\s,\[]+),\S+", r"=\1", single)  # the first of each choice
         pages.run(single, "--cfg", "job")
         assert "collector:" in capsys.readouterr().out
