@@ -13,6 +13,7 @@ from evaluated import HIT, LATE, WON, write_evaluation
 
 from navrl.cli.report import main
 from navrl.viz.report import write_report
+from navrl.viz.report.sources import find_sources
 
 pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
 
@@ -99,6 +100,20 @@ def test_a_limit_keeps_lost_episodes_and_says_so(folder, tmp_path):
     (only,) = embedded(file, "episodes")
     assert only["outcome"] == "collision_static"
     assert "1 of 2 recorded episodes" in file.read_text()
+
+
+def test_policies_take_turns_and_give_their_episodes_their_names(tmp_path, lost):
+    for policy, count in (("dwa", 5), ("paper", 2)):
+        recordings = tmp_path / policy / "recordings"
+        recordings.mkdir(parents=True)
+        for index in range(count):
+            lost.save(recordings / f"{index:06d}.npz")
+    dataclasses.replace(lost, outcome="success").save(tmp_path / "dwa/recordings/000009.npz")
+    names = [name for name, _ in find_sources([tmp_path], num_episodes=6).recordings]
+    assert names == [
+        *("dwa/000000", "paper/000000", "dwa/000001"),
+        *("paper/000001", "dwa/000002", "dwa/000003"),
+    ]
 
 
 def test_mistakes_are_one_line(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ class Sources:
         folders: Where they were looked for.
         evaluations: Of any suite and simulator.
         logs: ``metrics.csv`` of trainings.
-        recordings: Episodes with a name each, lost ones first.
+        recordings: Episodes with a name each, lost ones first, those of each folder in turn.
         num_recordings: How many there are; ``recordings`` may hold fewer.
     """
 
@@ -51,11 +52,10 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
     }
     logs = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("metrics.csv")))
     files = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("*.npz")))
-    recordings = [(_name(file), Recording.load(file)) for file in files]
+    recordings = _in_turn({file: Recording.load(file) for file in files})
     if not evaluations and not logs and not recordings:
         places = ", ".join(map(str, folders))
         raise ValueError(f"{places}: no evaluation, no training and no recorded episode there")
-    recordings.sort(key=lambda named: named[1].outcome == "success")
     return Sources(
         folders,
         tuple(evaluations.values()),
@@ -69,7 +69,27 @@ def _has_evaluation(folder: Path) -> bool:
     return any(file.with_name("episodes.csv").is_file() for file in folder.rglob("summary.json"))
 
 
+def _in_turn(recordings: dict[Path, Recording]) -> list[tuple[str, Recording]]:
+    """Order episodes, lost ones first; no policy with many takes the places of the others."""
+    seen: Counter = Counter()
+    order = {}
+    for file, recording in recordings.items():
+        won = recording.outcome == "success"
+        seen[won, _folder(file)] += 1
+        order[file] = (won, seen[won, _folder(file)])
+    return [(_name(file), recordings[file]) for file in sorted(recordings, key=order.__getitem__)]
+
+
+def _folder(file: Path) -> Path:
+    """Return what an episode belongs to: an evaluation keeps its own in ``recordings``."""
+    folder = file.resolve().parent
+    if folder.name == "recordings" or file.stem == "episode":
+        return folder.parent
+    return folder
+
+
 def _name(file: Path) -> str:
     """Name an episode by its folder, and by its file unless that is called as always."""
-    folder = file.resolve().parent.name
-    return folder if file.stem == "episode" else f"{folder}/{file.stem}"
+    if file.stem == "episode":
+        return file.resolve().parent.name
+    return f"{_folder(file).name}/{file.stem}"
