@@ -95,7 +95,7 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
         A trainer, ready to run or to resume from the folder's checkpoint.
     """
     make_device(cfg)
-    instantiate(_deployed(cfg).transforms)  # a mistake there must not wait for the first save
+    instantiate(deployed(cfg).transforms)  # a mistake there must not wait for the first save
     probe = make_training_env(on_cpu(cfg), cfg.seed, num_worlds=1)
     shapes = observation_shapes(probe)
     probe.close()
@@ -145,7 +145,7 @@ def save_policy(
     metrics: Mapping[str, float],
 ) -> None:
     """Save the actor as a bundle that needs nothing else to run."""
-    config = {part: _plain(_deployed(cfg), part) for part in ("transforms", "lidar", "robot")}
+    config = {part: _plain(deployed(cfg), part) for part in ("transforms", "lidar", "robot")}
     config["actor"] = actor_node(cfg, shapes)
     config["time_step_s"] = float(cfg.simulator.time_step_s)
     config["navrl_version"] = navrl.__version__
@@ -153,7 +153,7 @@ def save_policy(
     save_bundle(folder, config=config, actor=actor, metrics=metrics, card=card)
 
 
-def _deployed(cfg: DictConfig) -> DictConfig:
+def deployed(cfg: DictConfig) -> DictConfig:
     """Return the configuration with the transforms that the policy is used with."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)  # steps may be new

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from navrl import build
+from navrl.build.training import deployed
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner
 from navrl.envs.navigation import NavigationEnv
@@ -12,6 +13,7 @@ from navrl.evaluation.recording import record_episode
 from navrl.policies import ZOO, load_bundle
 from navrl.sim import BatchedSimulator
 
+EXPERIMENTS = ["paper", "no_tagd", "subgoal", "liang", "liang_original", "navrl-best"]
 AHEAD = [(0.0, 0.0), (2.0, 0.5)]
 
 
@@ -24,10 +26,10 @@ def clear(beams=1440):
     return np.full(beams, 3.5)
 
 
-@pytest.mark.parametrize("experiment", ["paper", "no_tagd", "subgoal", "liang", "liang_original"])
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_commands_are_those_of_the_simulated_episode(experiment):
     torch.manual_seed(0)
-    cfg = compose("train", [f"experiment={experiment}", "suite=smoke"])
+    cfg = deployed(compose("train", [f"experiment={experiment}", "suite=smoke"]))
     robot, lidar = instantiate(cfg.robot), instantiate(cfg.lidar)
     env = build.make_env(
         NavigationEnv(BatchedSimulator(1, robot, lidar), None, rewards={}, privileged=True),
