@@ -29,7 +29,11 @@ _NOT_OF_THE_RUN = ("hydra.", "resume=", "progress_bar=")
 
 
 def publish(
-    run: str | Path, out: str | Path, evaluations: Sequence[str | Path] = (), about: str = ""
+    run: str | Path,
+    out: str | Path,
+    evaluations: Sequence[str | Path] = (),
+    about: str = "",
+    half: bool = False,
 ) -> Path:
     """Make a bundle of a training run's best policy, with a card that says what it is worth.
 
@@ -38,6 +42,8 @@ def publish(
         out: Folder of the bundle, named like the policy.
         evaluations: Folders of ``navrl-evaluate`` with this policy; all below them is taken.
         about: A sentence on what the policy is.
+        half: Whether weights are stored as float16, in half the space. What then is evaluated
+            should be this bundle, not the run.
 
     Returns:
         ``out``, with the learning curve in ``curve.csv`` beside the bundle's own files.
@@ -53,7 +59,8 @@ def publish(
     curve = _read_curve(run / "metrics.csv")
     config = {name: value for name, value in bundle.config.items() if name != "format"}
     found = find_evaluations(evaluations) if evaluations else []
-    count = sum(weight.numel() for weight in bundle.actor.parameters())
+    actor = bundle.actor.half() if half else bundle.actor
+    count = sum(weight.numel() for weight in actor.parameters())
     parts = [
         f"# {out.name}",
         f"{about} {count:,} parameters an actor.".strip(),
@@ -62,7 +69,7 @@ def publish(
         _curve_table(curve),
     ]
     card = "\n\n".join(part for part in parts if part) + "\n"
-    save_bundle(out, config=config, actor=bundle.actor, metrics=bundle.metrics, card=card)
+    save_bundle(out, config=config, actor=actor, metrics=bundle.metrics, card=card)
     (out / CURVE).write_text(_csv(curve), encoding="utf-8")
     return out
 

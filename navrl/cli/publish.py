@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Write the bundle and say where it is; what a user gets wrong ends in one line, status 2."""
     options = make_parser().parse_args(arguments)
     try:
-        folder = publish(options.run, options.out, options.evaluations, options.about)
+        folder = publish(**vars(options))
     except (OSError, ValueError) as error:
         print(f"navrl: {error}", file=sys.stderr)
         sys.exit(2)
@@ -35,6 +35,9 @@ def make_parser() -> argparse.ArgumentParser:
         help="of navrl-evaluate with this policy, for the card; all below them is taken",
     )
     parser.add_argument("--about", default="", help="a sentence on what the policy is")
+    parser.add_argument(
+        "--half", action="store_true", help="store weights as float16, in half the space"
+    )
     return parser
 
 

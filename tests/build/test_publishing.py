@@ -80,6 +80,16 @@ def test_the_weights_are_those_of_the_run(run, tmp_path):
     assert "Scores" not in (out / "card.md").read_text()
 
 
+def test_weights_in_half_the_space_are_rounded_once(run, tmp_path):
+    out = tmp_path / "mine"
+    main([str(run), str(out), "--half"])
+    before, after = (load_bundle(folder).actor.state_dict() for folder in (run / "policy", out))
+    assert (out / "weights.safetensors").stat().st_size < 0.52 * 4 * 147_948
+    for name, value in before.items():
+        assert after[name].dtype == torch.float32
+        assert torch.equal(value.half().float(), after[name])
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
