@@ -49,6 +49,8 @@ def split_seed(label: str) -> tuple[str, int | None]:
 def over_seeds(evaluations: Mapping[str, Evaluation]) -> list[SeedSummary]:
     """Summarise every approach that was trained with two seeds or more.
 
+    A run that names no seed is the one with seed 0, as ``paper`` beside ``paper_seed_1``.
+
     Args:
         evaluations: By label, all on the same episodes.
 
@@ -60,6 +62,9 @@ def over_seeds(evaluations: Mapping[str, Evaluation]) -> list[SeedSummary]:
         approach, seed = split_seed(label)
         if seed is not None:
             runs.setdefault(approach, {})[seed] = evaluation
+    for approach, seeds in runs.items():
+        if approach in evaluations:
+            seeds.setdefault(0, evaluations[approach])
     return [_summary(name, seeds) for name, seeds in runs.items() if len(seeds) > 1]
 
 

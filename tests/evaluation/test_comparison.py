@@ -180,5 +180,8 @@ def test_training_seeds_are_summarised(tmp_path):
     assert found.success.value == pytest.approx(0.75)
     assert found.success.n == 3 and 0.5 <= found.success.low < 0.75 < found.success.high <= 1.0
     assert "| `paper` | 3 | 75.0 % [" in markdown(table)
+    write_evaluation(tmp_path / "unnamed", "dwa_seed_1", [WON] * 4)
+    (_, dwa) = compare_folders([tmp_path]).seeds
+    assert (dwa.approach, dwa.seeds, dwa.rates) == ("dwa", (0, 1), (0.0, 1.0))
     assert split_seed("outputs-seed=3") == ("outputs", 3)
     assert split_seed("no_seed_here") == ("no_seed_here", None)
