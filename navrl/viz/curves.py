@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from navrl.viz.style import BLACK, CYCLE, GREY, save_figure, style
+from navrl.viz.style import BLACK, GREY, line_look, save_figure, style
 
 Series = tuple[np.ndarray, np.ndarray]
 _LEVEL = "train/max_dynamic"
@@ -93,8 +93,8 @@ def plot_curves(
     with style():
         figure = Figure((11.0, 5.2), layout="constrained")
         for axes, panel in zip(figure.subplots(2, 4).flat, _PANELS, strict=True):
-            for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True):
-                _draw(axes, panel, logs, label, color)
+            for i, (label, logs) in enumerate(groups.items()):
+                _draw(axes, panel, logs, label, **line_look(i))
             _finish(axes, panel)
         _add_key(figure, groups)
         out = Path(out)
@@ -130,13 +130,20 @@ _PANELS = (
 )
 
 
-def _draw(axes: Axes, panel: _Panel, logs: Sequence[TrainingLog], label: str, color: str) -> None:
+def _draw(
+    axes: Axes,
+    panel: _Panel,
+    logs: Sequence[TrainingLog],
+    label: str,
+    color: str,
+    linestyle: str,
+) -> None:
     trained = [panel.trained(log) for log in logs]
     if panel.is_level:
         for series in trained:
-            axes.plot(*series, color=color, drawstyle="steps-post")
+            axes.plot(*series, color=color, linestyle=linestyle, drawstyle="steps-post")
     elif panel.evaluated is None:
-        _draw_seeds(axes, trained, label, color)
+        _draw_seeds(axes, trained, label, color, linestyle=linestyle)
     else:
         for series in trained:
             axes.plot(*series, color=color, linewidth=0.6, alpha=0.4)
@@ -144,7 +151,8 @@ def _draw(axes: Axes, panel: _Panel, logs: Sequence[TrainingLog], label: str, co
             for frame in frames[1:][np.diff(levels) > 0]:
                 axes.axvline(frame, color=color, linestyle=":", linewidth=0.8)
         evaluated = [log.column(panel.evaluated) for log in logs]
-        _draw_seeds(axes, evaluated, label, color, marker="o", markersize=2.5)
+        look = {"linestyle": linestyle, "marker": "o", "markersize": 2.5}
+        _draw_seeds(axes, evaluated, label, color, **look)
 
 
 def _draw_seeds(
@@ -183,9 +191,9 @@ def _finish(axes: Axes, panel: _Panel) -> None:
 
 def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]]) -> None:
     handles = []
-    for color, (label, logs) in zip(_colors(len(groups)), groups.items(), strict=True):
+    for i, (label, logs) in enumerate(groups.items()):
         seeds = "" if len(logs) == 1 else f" (mean of {len(logs)} seeds)"
-        handles.append(Line2D([], [], color=color, label=label + seeds))
+        handles.append(Line2D([], [], label=label + seeds, **line_look(i)))
     for label, look in (
         ("evaluation, no exploration", {"marker": "o", "markersize": 2.5}),
         ("training, with exploration", {"linewidth": 0.6, "alpha": 0.5}),
@@ -195,7 +203,3 @@ def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]]) -> None:
     if any(len(logs) > 1 for logs in groups.values()):
         handles.append(Patch(color=GREY, alpha=0.3, linewidth=0, label="range of the seeds"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
-
-
-def _colors(count: int) -> list[str]:
-    return [CYCLE[i % len(CYCLE)] for i in range(count)]

@@ -14,12 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from navrl.evaluation.stored import Evaluation
-from navrl.viz.style import CYCLE, save_figure, style
+from navrl.viz.style import line_look, save_figure, style
 
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet
 _ALL = "all worlds"
 _MARKERS = "osD^vPX"
-_DASHES = ("-", "--", "-.", ":")
 
 
 @dataclass(frozen=True)
@@ -209,12 +208,7 @@ def _mean_rate(points: Sequence[RatePoint], policy: str) -> float:
 
 def _look(i: int) -> dict:
     """Return colour, mark and dash of the i-th policy: told apart without colours too."""
-    return {
-        "color": CYCLE[i % len(CYCLE)],
-        "marker": _MARKERS[i % len(_MARKERS)],
-        "linestyle": _DASHES[i // len(CYCLE) % len(_DASHES)],
-        "markersize": 3.5,
-    }
+    return {**line_look(i), "marker": _MARKERS[i % len(_MARKERS)], "markersize": 3.5}
 
 
 def _add_key(

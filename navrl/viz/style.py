@@ -19,6 +19,7 @@ YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#7F7F7F"
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 """Okabe and Ito's palette; yellow is left out of lines, being too pale on white."""
+_DASHES = ("-", "--", "-.", ":")
 
 SPATIAL_COLORS = LinearSegmentedColormap.from_list("spatial", ["#FFFFFF", SKY, BLUE])
 TEMPORAL_COLORS = LinearSegmentedColormap.from_list("temporal", ["#FFF1E8", VERMILLION, "#A01C00"])
@@ -53,6 +54,14 @@ def style() -> Iterator[None]:
     """Use the look inside a ``with`` block only."""
     with matplotlib.rc_context(_RC):
         yield
+
+
+def line_look(i: int) -> dict[str, str]:
+    """Return colour and dash of the i-th line: where colours come again, dashes do not."""
+    return {
+        "color": CYCLE[i % len(CYCLE)],
+        "linestyle": _DASHES[i // len(CYCLE) % len(_DASHES)],
+    }
 
 
 def save_figure(figure: Figure, file: str | Path) -> Path:

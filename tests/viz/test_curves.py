@@ -79,6 +79,14 @@ def test_runs_have_colours_of_their_own(tmp_path, figures):
     assert colors["one"] != colors["two"]
 
 
+def test_more_runs_than_colours_are_told_apart_by_dashes(tmp_path, figures):
+    logs = [write_log(tmp_path / f"run{i}", 0.5) for i in range(9)]
+    plot_curves(logs, tmp_path / "curves", formats=(".png",))
+    labelled = [drawn for drawn in figures[0].axes[0].lines if "run" in str(drawn.get_label())]
+    assert len(labelled) == 9
+    assert len({(drawn.get_color(), drawn.get_linestyle()) for drawn in labelled}) == 9
+
+
 def test_png_and_svg_are_written(tmp_path):
     logs = [write_log(tmp_path / name, 0.5) for name in ("one", "two", "three")]
     labels = ["ours", "ours", "theirs"]
