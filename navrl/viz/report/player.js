@@ -167,7 +167,7 @@ const cursor = (time) => ({
 function overTime(episode, name, traces, layout) {
   const end = episode.action.length * episode.time_step_s;
   const full = {
-    margin: { l: 55, r: 55, t: 25, b: 35 }, legend: { orientation: "h", y: 1.25 },
+    margin: { l: 55, r: 55, t: 25, b: 35 },
     xaxis: { title: { text: "time in s" }, range: [0, end] }, shapes: [cursor(0)], ...layout,
   };
   return Plotly.react(name, traces, full, QUIET).then((plot) => {
@@ -211,6 +211,8 @@ function drawRewards(episode) {
   }));
   return overTime(episode, "rewards", traces, {
     yaxis: { title: { text: "reward" } }, showlegend: true,
+    // two rows of names above the axes, where they hide no curve
+    legend: { orientation: "h", yanchor: "bottom", y: 1.02 }, margin: { l: 55, r: 55, t: 50, b: 35 },
   });
 }
 
