@@ -169,6 +169,11 @@ def test_the_density_sweep_adds_walkers_and_changes_nothing_else(kind):
         assert dataclasses.replace(full, pedestrians=kept).to_json() == level.to_json()
 
 
+def test_every_suite_knows_the_key_of_the_density_sweep():
+    """Hydra composes the default suite with what ``-m suite=density_corridor,...`` overrides."""
+    assert suite("suite.distribution.keep_dynamic=1").distribution.keep_dynamic == 1
+
+
 def test_open_space_is_table1_without_walls():
     bare, walled = (suite(f"suite={name}").scenarios([7])[0] for name in ("open_space", "table1"))
     assert len(bare.boxes) == 0 and len(walled.boxes) > 0
