@@ -17,7 +17,7 @@ from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 from navrl.viz.style import BLACK, GREY, line_look, save_figure, style
 
 Series = tuple[np.ndarray, np.ndarray]
-_LEVEL = "train/max_dynamic"
+_LEVELS = ("train/max_dynamic", "evaluation/max_dynamic")  # the latter alone in a bundle's curve
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,14 @@ class _Panel:
     is_rate: bool = False
     is_level: bool = False  # jumps, and a mean of runs is no level
 
+    def has_data(self, log: TrainingLog) -> bool:
+        """Tell whether a log has anything to draw here."""
+        evaluated = log.sum_of([self.evaluated] if self.evaluated else [])
+        return any(len(frames) for frames, _ in (evaluated, self.trained(log)))
+
 
 class TrainingLog:
-    """The columns of a ``metrics.csv``; a cell that was not logged is left out."""
+    """The columns of a ``metrics.csv`` or ``curve.csv``; a cell not logged is left out."""
 
     def __init__(self, file: Path) -> None:
         with file.open(newline="") as stream:
@@ -50,6 +55,11 @@ class TrainingLog:
         values = np.array([sum(float(row[name]) for name in names) for row in logged])
         return frames, values
 
+    def levels(self) -> Series:
+        """Return frames and the curriculum's number of pedestrians."""
+        logged = (self.column(name) for name in _LEVELS)
+        return next((series for series in logged if len(series[0])), self.column(_LEVELS[0]))
+
     def names(self, prefix: str) -> list[str]:
         """Return the columns whose names start so."""
         return [name for name in self._rows[0] if name.startswith(prefix)]
@@ -64,13 +74,13 @@ def plot_curves(
     """Draw how training went.
 
     Rates of each outcome, the curriculum's number of pedestrians, reward, and what the critic says,
-    over environment steps. Evaluations are lines with marks, training episodes (with exploration)
-    are thin lines; a dotted line is where the curriculum went up. Runs of one label are seeds of
-    one setting: each is drawn, pale, with their mean and a band from the least to the greatest over
-    the frames that all reached.
+    over environment steps; only what some run logged gets axes. Evaluations are lines with marks,
+    training episodes (with exploration) are thin lines; a dotted line is where the curriculum went
+    up, if there is one setting only. Runs of one label are seeds of one setting: each is drawn,
+    pale, with their mean and a band from the least to the greatest over the frames that all reached.
 
     Args:
-        csv_files: The trainer's ``metrics.csv`` of each run.
+        csv_files: The trainer's ``metrics.csv`` of each run, or the ``curve.csv`` of its bundle.
         out: File without suffix, or with one that is replaced.
         labels: Name of each run; its folder's if ``None``.
         formats: Suffixes: ``.png``, ``.svg``, ``.pdf``.
@@ -90,13 +100,19 @@ def plot_curves(
     groups: dict[str, list[TrainingLog]] = {}
     for label, file in zip(labels, files, strict=True):
         groups.setdefault(label, []).append(TrainingLog(file))
+    logs = [log for group in groups.values() for log in group]
+    panels = [panel for panel in _PANELS if any(map(panel.has_data, logs))] or [_PANELS[0]]
+    columns = -(-len(panels) // 2)
     with style():
-        figure = Figure((11.0, 5.2), layout="constrained")
-        for axes, panel in zip(figure.subplots(2, 4).flat, _PANELS, strict=True):
-            for i, (label, logs) in enumerate(groups.items()):
-                _draw(axes, panel, logs, label, **line_look(i))
+        figure = Figure((max(2.75 * columns, 5.5), 5.2), layout="constrained")
+        for i, panel in enumerate(panels):
+            axes = figure.add_subplot(2, columns, i + 1)
+            for j, (label, group) in enumerate(groups.items()):
+                _draw(axes, panel, group, label, **line_look(j))
+            if len(groups) == 1 and panel.evaluated is not None:
+                _mark_levels(axes, logs)
             _finish(axes, panel)
-        _add_key(figure, groups)
+        _add_key(figure, groups, ncols=max(2 * columns - 2, 2))  # names of some 30 letters fit
         out = Path(out)
         return [save_figure(figure, out.with_suffix(suffix)) for suffix in formats]
 
@@ -121,7 +137,7 @@ _PANELS = (
         "curriculum",
         "dynamic pedestrians, at most",
         None,
-        lambda log: log.column(_LEVEL),
+        TrainingLog.levels,
         is_level=True,
     ),
     _Panel("reward", "mean of a step", None, lambda log: log.sum_of(log.names("reward/"))),
@@ -147,12 +163,16 @@ def _draw(
     else:
         for series in trained:
             axes.plot(*series, color=color, linewidth=0.6, alpha=0.4)
-        for frames, levels in (log.column(_LEVEL) for log in logs):
-            for frame in frames[1:][np.diff(levels) > 0]:
-                axes.axvline(frame, color=color, linestyle=":", linewidth=0.8)
         evaluated = [log.column(panel.evaluated) for log in logs]
         look = {"linestyle": linestyle, "marker": "o", "markersize": 2.5}
         _draw_seeds(axes, evaluated, label, color, **look)
+
+
+def _mark_levels(axes: Axes, logs: Sequence[TrainingLog]) -> None:
+    color = line_look(0)["color"]
+    for frames, levels in (log.levels() for log in logs):
+        for frame in frames[1:][np.diff(levels) > 0]:
+            axes.axvline(frame, color=color, linestyle=":", linewidth=0.8)
 
 
 def _draw_seeds(
@@ -189,17 +209,17 @@ def _finish(axes: Axes, panel: _Panel) -> None:
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]]) -> None:
+def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]], ncols: int) -> None:
     handles = []
     for i, (label, logs) in enumerate(groups.items()):
         seeds = "" if len(logs) == 1 else f" (mean of {len(logs)} seeds)"
         handles.append(Line2D([], [], label=label + seeds, **line_look(i)))
-    for label, look in (
-        ("evaluation, no exploration", {"marker": "o", "markersize": 2.5}),
-        ("training, with exploration", {"linewidth": 0.6, "alpha": 0.5}),
-        ("more pedestrians from here", {"linestyle": ":", "linewidth": 0.8}),
-    ):
-        handles.append(Line2D([], [], color=BLACK, label=label, **look))
+    marks = {"evaluation, no exploration": {"marker": "o", "markersize": 2.5}}
+    if any(log.names("train/") for logs in groups.values() for log in logs):
+        marks["training, with exploration"] = {"linewidth": 0.6, "alpha": 0.5}
+    if len(groups) == 1:
+        marks["more pedestrians from here"] = {"linestyle": ":", "linewidth": 0.8}
+    handles += [Line2D([], [], color=BLACK, label=label, **look) for label, look in marks.items()]
     if any(len(logs) > 1 for logs in groups.values()):
         handles.append(Patch(color=GREY, alpha=0.3, linewidth=0, label="range of the seeds"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), ncols))

@@ -21,7 +21,7 @@ from navrl.viz.video import save_mp4
 FORMATS = (".png", ".svg", ".pdf")
 
 
-def find_files(sources: Iterable[str | Path], pattern: str) -> list[Path]:
+def find_files(sources: Iterable[str | Path], *patterns: str) -> list[Path]:
     """Return files in and below some folders; a file stands for itself.
 
     Raises:
@@ -31,10 +31,17 @@ def find_files(sources: Iterable[str | Path], pattern: str) -> list[Path]:
     for source in sources:
         if not source.exists():
             raise ValueError(f"source={source}: no such file or folder")
-    found = [file for s in sources for file in ([s] if s.is_file() else sorted(s.rglob(pattern)))]
+    found = [file for source in sources for file in _below(source, patterns)]
     if not found:
-        raise ValueError(f"source={', '.join(map(str, sources))}: no {pattern} there")
+        where, what = ", ".join(map(str, sources)), " or ".join(patterns)
+        raise ValueError(f"source={where}: no {what} there")
     return list(dict.fromkeys(found))
+
+
+def _below(source: Path, patterns: Sequence[str]) -> list[Path]:
+    if source.is_file():
+        return [source]
+    return sorted(file for pattern in patterns for file in source.rglob(pattern))
 
 
 def find_recordings(sources: Iterable[str | Path]) -> list[Recording]:
@@ -43,8 +50,8 @@ def find_recordings(sources: Iterable[str | Path]) -> list[Recording]:
 
 
 def curves(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Learning curves of training runs; runs ``NAME_seed_K`` are seeds of one setting."""
-    logs = find_files(sources, "metrics.csv")
+    """Learning curves of runs or published bundles; ``NAME_seed_K`` are seeds of one setting."""
+    logs = find_files(sources, "metrics.csv", "curve.csv")
     labels = [re.sub(r"_seed_\d+", "", log.resolve().parent.name) for log in logs]
     return _each_format(
         lambda file: plot_curves(logs, file, labels, [file.suffix])[0], out, formats

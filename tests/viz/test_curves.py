@@ -106,6 +106,22 @@ def test_a_run_that_has_just_begun(tmp_path):
     assert all(file.is_file() for file in plot_curves([log], tmp_path / "curves"))
 
 
+def test_the_curve_of_a_bundle_has_axes_for_what_it_holds(tmp_path, figures):
+    header = ",".join(["frames", "updates", "evaluation/max_dynamic", *EVALUATED])
+    rows = ["100,1,2,0.3,0.4,0.2,0.1", "200,2,4,0.6,0.2,0.2,0"]
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "curve.csv").write_text("\n".join([header, *rows, ""]))
+    plot_curves(sorted(tmp_path.rglob("curve.csv")), tmp_path / "curves")
+    titles = [axes.get_title() for axes in figures[0].axes]
+    assert titles == [panel.title for panel in curves._PANELS[:5]]
+    success, *_, level = figures[0].axes
+    assert np.array_equal(line(success, "two")[1], [0.3, 0.6])
+    assert np.array_equal(level.lines[0].get_ydata(), [2, 4])
+    texts = {text.get_text() for text in figures[0].legends[0].get_texts()}
+    assert texts == {"one", "two", "evaluation, no exploration"}
+
+
 def test_bad_logs_are_named(tmp_path):
     (tmp_path / "empty.csv").write_text("frames,updates\n")
     with pytest.raises(ValueError, match=r"empty\.csv"):

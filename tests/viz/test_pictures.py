@@ -209,7 +209,7 @@ def test_curves_take_runs_of_a_name_for_seeds(tmp_path):
 def test_sources_and_formats_are_checked(tmp_path):
     with pytest.raises(ValueError, match=r"source=.*nowhere: no such"):
         pictures.curves([tmp_path / "nowhere"], tmp_path / "x")
-    with pytest.raises(ValueError, match=r"no metrics\.csv there"):
+    with pytest.raises(ValueError, match=r"no metrics\.csv or curve\.csv there"):
         pictures.curves([tmp_path], tmp_path / "x")
     write_log(tmp_path / "run", 0.5)
     with pytest.raises(ValueError, match=r"formats=\['\.bmp'\]"):
