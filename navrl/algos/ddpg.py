@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from copy import deepcopy
 from functools import partial
 
@@ -15,7 +16,7 @@ from torchrl.objectives.utils import ValueEstimators
 
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
 from navrl.algos.bound_losses import BoundDDPGLoss
-from navrl.algos.cuda_graph import CapturedUpdate
+from navrl.algos.cuda_graph import CapturedUpdates, Move
 
 
 class NonFiniteUpdateError(FloatingPointError):
@@ -32,7 +33,7 @@ class NonFiniteUpdateError(FloatingPointError):
         self.terms, self.batch = terms, batch
 
 
-_PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
+_PRECISIONS = {"float32": None, "tfloat32": None, "bfloat16": torch.bfloat16}
 
 
 class DDPG:
@@ -49,11 +50,12 @@ class DDPG:
         tau: Share of the online weights that enters the target weights after each update.
         max_gradient_norm: Gradients of each network are clipped to this norm.
         loss_function: ``"l2"`` or ``"smooth_l1"`` on the temporal difference.
-        precision: ``"float32"``, or ``"bfloat16"`` to run the matrix products under autocast.
-            Weights, targets and the optimiser stay float32 either way.
+        precision: ``"float32"``; ``"bfloat16"`` to run the matrix products under autocast; or
+            ``"tfloat32"`` to round only what goes into them, which a GPU does on the way and a CPU
+            does not. Weights, targets and the optimiser stay float32 in each case.
         fused_optimizer: Whether Adam does one pass over memory instead of a dozen.
-        cuda_graph: Whether updates are recorded as a CUDA graph and replayed; see
-            :class:`navrl.algos.cuda_graph.CapturedUpdate`. Networks must be on a CUDA device. An
+        cuda_graph: Whether updates are recorded as CUDA graphs and replayed; see
+            :class:`navrl.algos.cuda_graph.CapturedUpdates`. Networks must be on a CUDA device. An
             update that is not finite is told some updates later, all of which change nothing.
 
     Raises:
@@ -98,6 +100,7 @@ class DDPG:
         self.gamma = gamma
         self.max_gradient_norm = max_gradient_norm
         self._autocast_dtype = _PRECISIONS[precision]
+        self._rounds_products = precision == "tfloat32"
         self.loss = self._make_loss(actor, critic, loss_function)
         self.loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
         self._actor_weights = list(self.loss.actor_network_params.parameters())
@@ -133,9 +136,10 @@ class DDPG:
         if cuda_graph and not fused_optimizer:
             raise ValueError("cuda_graph=True: needs fused_optimizer=True, got False")
 
-    def _make_captured(self, tau: float) -> CapturedUpdate:
+    def _make_captured(self, tau: float) -> CapturedUpdates:
         optimizers = (self.actor_optimizer, self.critic_optimizer)
-        return CapturedUpdate(self._gradients, optimizers, self._online, self._targets, tau)
+        weights = self._online, self._targets
+        return CapturedUpdates(self._gradients, self._due, optimizers, *weights, tau)
 
     def _weight_pairs(self) -> list[list[Tensor]]:
         """Return all weights and, in the same order, their targets."""
@@ -169,7 +173,7 @@ class DDPG:
         """Take one gradient step on both networks and move the targets.
 
         Args:
-            batch: ``[B]`` transitions; ``td_error`` is written into it.
+            batch: ``[B]`` transitions; ``td_error`` is written into it, except by a recorded update.
 
         Returns:
             Detached scalars: losses, mean value and target, gradient norms before clipping.
@@ -178,18 +182,45 @@ class DDPG:
             NonFiniteUpdateError: If one of them is NaN or infinite; no weight has changed then.
         """
         if self._captured is not None:
-            self._check_captured()
-            return self._captured(batch)
+            return self.update_from_each(batch.unsqueeze(0))
         scalars = self._gradients(batch)
         if not torch.stack(list(scalars.values())).isfinite().all():
             raise NonFiniteUpdateError(scalars, batch)
-        self._step()
+        move = self._due()
+        for optimizer in move.optimizers:
+            optimizer.step()
+        if move.moves_targets:
+            self._move_targets()
+        self._count()
         return scalars
 
-    def _step(self) -> None:
-        self.actor_optimizer.step()
-        self.critic_optimizer.step()
-        self._move_targets()
+    def update_from_each(self, batches: TensorDictBase) -> dict[str, Tensor]:
+        """Take as many steps as there are batches, which a GPU does with less asking.
+
+        Args:
+            batches: ``[K, B]`` transitions.
+
+        Returns:
+            Sums over the steps of the scalars of :meth:`update`.
+
+        Raises:
+            NonFiniteUpdateError: As :meth:`update`; later steps are not taken.
+        """
+        if self._captured is not None:
+            self._check_captured()
+            return self._captured(batches, after_each=self._count)
+        sums: dict[str, Tensor] = {}
+        for batch in batches.unbind(0):
+            for name, value in self.update(batch).items():
+                sums[name] = sums[name] + value if name in sums else value
+        return sums
+
+    def _due(self) -> Move:
+        """Return what the present update moves."""
+        return Move((self.actor_optimizer, self.critic_optimizer), moves_targets=True)
+
+    def _count(self) -> None:
+        """Take note that an update is done, or on its way."""
 
     def _check_captured(self, wait: bool = False) -> None:
         failure = self._captured.failure(wait)
@@ -198,14 +229,13 @@ class DDPG:
 
     def _gradients(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """Leave clipped gradients in the weights; return the update's scalars."""
-        terms = self._losses(batch)
-        self.actor_optimizer.zero_grad(set_to_none=True)
-        self.critic_optimizer.zero_grad(set_to_none=True)
-        # Only the two losses: what else is returned is not detached.
-        (terms["loss_actor"] + terms["loss_value"]).backward()
-        clip = torch.nn.utils.clip_grad_norm_
-        actor_norm = clip(self._actor_weights, self.max_gradient_norm)
-        critic_norm = clip(self._critic_weights, self.max_gradient_norm)
+        with self._products():
+            terms = self._losses(batch)
+            self.actor_optimizer.zero_grad(set_to_none=True)
+            self.critic_optimizer.zero_grad(set_to_none=True)
+            # Only the two losses: what else is returned is not detached.
+            (terms["loss_actor"] + terms["loss_value"]).backward()
+        actor_norm, critic_norm = map(self._clip, (self._actor_weights, self._critic_weights))
         return {
             "loss_actor": terms["loss_actor"].detach(),
             "loss_critic": terms["loss_value"].detach(),
@@ -214,6 +244,23 @@ class DDPG:
             "gradient_norm_actor": actor_norm,
             "gradient_norm_critic": critic_norm,
         }
+
+    def _clip(self, weights: list[Tensor]) -> Tensor:
+        """Clip gradients, if there are any; return their norm before, on the weights' device."""
+        if weights[0].grad is None:
+            return weights[0].new_zeros(())
+        return torch.nn.utils.clip_grad_norm_(weights, self.max_gradient_norm)
+
+    @contextmanager
+    def _products(self) -> Iterator[None]:
+        """Let a GPU round what it multiplies, if that is asked for."""
+        before = torch.get_float32_matmul_precision()
+        if self._rounds_products:
+            torch.set_float32_matmul_precision("high")
+        try:
+            yield
+        finally:
+            torch.set_float32_matmul_precision(before)
 
     def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
         """Return at least ``loss_actor``, ``loss_value``, ``pred_value`` and ``target_value``."""

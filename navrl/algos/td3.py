@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor
 
 from navrl.algos.bound_losses import BoundTD3Loss
+from navrl.algos.cuda_graph import Move
 from navrl.algos.ddpg import DDPG
 
 
@@ -25,7 +26,7 @@ class TD3(DDPG):
         target_noise: Standard deviation of the noise on target actions, normalised units.
         target_noise_clip: Largest noise, normalised units.
         actor_delay: Updates of the critics an update of the actor.
-        **options: Those of DDPG but ``cuda_graph``.
+        **options: Those of DDPG.
 
     Raises:
         ValueError: If an argument is out of range.
@@ -50,13 +51,12 @@ class TD3(DDPG):
                 f"target_noise={target_noise}, target_noise_clip={target_noise_clip}: must be "
                 f">= 0; actor_delay={actor_delay}: must be >= 1"
             )
-        if options.pop("cuda_graph", False):
-            raise ValueError("cuda_graph=True: only DDPG can be recorded; set cuda_graph=False")
         self._noise = target_noise, target_noise_clip
         self.actor_delay = actor_delay
         self.num_updates = 0
-        self._loss_actor = torch.zeros(())
         super().__init__(actor, critic, **options)
+        # Between the actor's updates its last loss stands in the log; in one place, for recordings.
+        self._loss_actor = torch.zeros((), device=self._actor_weights[0].device)
 
     def _make_loss(
         self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
@@ -70,21 +70,21 @@ class TD3(DDPG):
     def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
         with self._autocast(batch):
             terms = self.loss(batch, with_actor=self._moves_actor)
-        # Between the actor's updates its last loss stands in the log; it has no gradient.
-        loss_actor = terms.get("loss_actor") if self._moves_actor else self._loss_actor
-        self._loss_actor = loss_actor.detach()
+        if self._moves_actor:
+            self._loss_actor.copy_(terms["loss_actor"].detach())
         return {
-            "loss_actor": loss_actor,
+            "loss_actor": terms["loss_actor"] if self._moves_actor else self._loss_actor.clone(),
             "loss_value": terms["loss_qvalue"],
             "pred_value": terms["pred_value"],
             "target_value": terms["target_value"],
         }
 
-    def _step(self) -> None:
-        self.critic_optimizer.step()
+    def _due(self) -> Move:
         if self._moves_actor:
-            self.actor_optimizer.step()
-            self._move_targets()
+            return super()._due()
+        return Move((self.critic_optimizer,), moves_targets=False)
+
+    def _count(self) -> None:
         self.num_updates += 1
 
     def state_dict(self) -> dict:

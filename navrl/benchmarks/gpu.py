@@ -19,6 +19,7 @@ from navrl.benchmarks.stepping import RandomDrive
 from navrl.sim import Simulator
 
 NUM_UNMEASURED = 5  # updates, in which a recording is made
+AT_A_TIME = 64  # updates that a training asks for in one call
 NUM_ROOMS = 64  # that differ; worlds beyond repeat them
 EPISODES, STEPS_PER_EPISODE = 300_000, 90  # paper Sec. V-A, and what an episode takes on average
 
@@ -47,7 +48,7 @@ def gpu_rows(
         for _ in range(NUM_UNMEASURED):
             learner.update(batch)
     tasks = {"scans": scan_task(simulator, rooms), "steps": Task(RandomDrive(env))}
-    tasks |= {name: update_task(learner, batch, 1) for name, learner in learners.items()}
+    tasks |= {name: update_task(learner, batch, 1, AT_A_TIME) for name, learner in learners.items()}
     rates = alternate(tasks, budget)
     env.close()
     what = f"{simulator.num_worlds:,} worlds on the GPU"

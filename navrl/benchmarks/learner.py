@@ -76,13 +76,19 @@ class _OneModule:
         return None
 
 
-def update_task(learner: DDPG, batch: TensorDictBase, num_threads: int) -> Task:
-    """Return a task whose unit is one update."""
+def update_task(
+    learner: DDPG, batch: TensorDictBase, num_threads: int, at_a_time: int = 1
+) -> Task:
+    """Return a task whose unit is one update; more at a time are asked for in one call."""
+    batches = batch.expand(at_a_time, *batch.shape)
 
     def update() -> int:
-        learner.update(batch)
+        if at_a_time == 1:
+            learner.update(batch)
+        else:
+            learner.update_from_each(batches)
         _wait(batch.device)
-        return 1
+        return at_a_time
 
     return Task(update, num_threads)
 

@@ -171,6 +171,7 @@ def _gpu(cfg: DictConfig) -> Results:
         return [f"gpu: needs {missing}"]
     cfg, effort = cfg.copy(), cfg.effort
     cfg.device, cfg.num_worlds = "cuda", effort.gpu_worlds
+    cfg.algorithm.precision = "tfloat32"  # as hardware=gpu trains
     env = _maker(on_cpu(cfg))(1)
     shapes = observation_shapes(env)
     env.close()

@@ -122,10 +122,11 @@ class Replay:
             self._buffer.extend(complete)
             self.written += len(complete)
 
-    def sample(self) -> TensorDictBase:
-        """Draw ``[batch_size]`` transitions uniformly, observations in float32."""
-        batch = self._buffer.sample()
-        return batch.apply(lambda value: value.float() if value.is_floating_point() else value)
+    def sample(self, count: int = 1) -> TensorDictBase:
+        """Draw ``[count, batch_size]`` transitions uniformly, observations in float32."""
+        rows = self._buffer.sample(count * self.batch_size)
+        shape = (count, self.batch_size)
+        return rows.apply(lambda value: _float(value).unflatten(0, shape), batch_size=shape)
 
     def forget_held_back(self) -> None:
         """Drop steps that wait for later ones of their episode, since none will come."""
@@ -192,3 +193,7 @@ class Replay:
     @staticmethod
     def _file(folder: Path, start: int) -> Path:
         return folder / f"chunk_{start:012d}.safetensors"
+
+
+def _float(value: torch.Tensor) -> torch.Tensor:
+    return value.float() if value.is_floating_point() else value

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,6 +27,8 @@ from navrl.training.replay import Replay
 
 Evaluate = Callable[[int], Mapping[str, float]]
 OnBest = Callable[[Mapping[str, float]], None]
+
+MAX_BATCHES_DRAWN = 64  # at a time: some 60 MB of the paper's transitions
 
 
 @dataclass(frozen=True)
@@ -158,8 +162,7 @@ class Trainer:
         while progress.frames < schedule.total_frames:
             bar.update(self._collect())
             before = progress.updates
-            while progress.updates < self._updates_due():
-                self._update()
+            self._update(math.ceil(self._updates_due()) - progress.updates)
             progress.seconds = seconds_before + time.monotonic() - started
             if _crossed(before, progress.updates, schedule.log_every_updates):
                 self._report(log, bar)
@@ -201,23 +204,31 @@ class Trainer:
         self.progress.episodes += int(self._ended)
         self._ended = 0
 
-    def _update(self) -> None:
-        with self._window.phases("replay_sample"):
-            batch = self.replay.sample()
+    def _update(self, count: int) -> None:
+        """Update as often; the batches are drawn together, since no transition comes between."""
+        window = self._window
         self.algorithm.anneal(self.progress.frames / self.schedule.total_frames)
-        with self._window.phases("update"):
-            try:
-                scalars = self.algorithm.update(batch)
-            except NonFiniteUpdateError as error:
-                file = self.folder / "not_finite.pt"
-                state = {"batch": error.batch.to_dict(), "algorithm": self.algorithm.state_dict()}
-                torch.save(state, file)
-                error.add_note(f"the batch and the weights before it are in {file}")
-                raise
-        for name, value in scalars.items():
-            self._window.learning[name] = self._window.learning.get(name, 0.0) + value
-        self._window.updates += 1
-        self.progress.updates += 1
+        for size in _shares(count):
+            with window.phases("replay_sample"):
+                batches = self.replay.sample(size)
+            with window.phases("update"), self._keeps_failures():
+                sums = self.algorithm.update_from_each(batches)
+            for name, value in sums.items():
+                window.learning[name] = window.learning.get(name, 0.0) + value
+            window.updates += size
+            self.progress.updates += size
+
+    @contextmanager
+    def _keeps_failures(self) -> Iterator[None]:
+        """Save the batch and the weights before it if an update is not finite."""
+        try:
+            yield
+        except NonFiniteUpdateError as error:
+            file = self.folder / "not_finite.pt"
+            state = {"batch": error.batch.to_dict(), "algorithm": self.algorithm.state_dict()}
+            torch.save(state, file)
+            error.add_note(f"the batch and the weights before it are in {file}")
+            raise
 
     # --- reports ---------------------------------------------------------------------------------
 
@@ -306,6 +317,12 @@ class Trainer:
         """Return the state of the learner's device's random numbers, if it has its own."""
         device = self.replay.device
         return {} if device.type == "cpu" else {"device_rng": torch.cuda.get_rng_state(device)}
+
+
+def _shares(count: int) -> Iterator[int]:
+    """Split a number of updates into numbers of batches that are drawn at a time."""
+    for start in range(0, count, MAX_BATCHES_DRAWN):
+        yield min(MAX_BATCHES_DRAWN, count - start)
 
 
 def _crossed(before: int, after: int, interval: int) -> bool:

@@ -126,7 +126,7 @@ def test_priorities_and_failures_as_in_ddpg(precision):
         ({"target_noise": -0.1}, "target_noise=-0.1"),
         ({"target_noise_clip": -1.0}, "target_noise_clip=-1.0"),
         ({"actor_delay": 0}, "actor_delay=0"),
-        ({"cuda_graph": True}, "cuda_graph=True: only DDPG"),
+        ({"cuda_graph": True}, "cuda_graph=True: needs the networks on a CUDA device"),
         ({"tau": 2.0}, "tau=2.0"),
     ],
 )

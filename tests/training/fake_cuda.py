@@ -170,7 +170,7 @@ def drive(cfg, pool, shapes, mode) -> list[torch.Tensor]:
         replay.extend(stepped)
         outcomes = _count_outcomes(stepped["next"])
         carrier = step_mdp(stepped)
-    terms = learner.loss(replay.sample())
+    terms = learner.loss(replay.sample()[0])
     mode.is_strict = False
     return [*stepped.values(True, True), outcomes, terms["loss_actor"]]
 

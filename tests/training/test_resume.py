@@ -52,10 +52,10 @@ def test_not_finite_values_are_saved_and_stop_the_run(tmp_path):
     trainer = tiny_trainer(tmp_path)
     sample = trainer.replay.sample
 
-    def poisoned():
-        batch = sample()
-        batch["next", "reward"][0] = float("inf")
-        return batch
+    def poisoned(count):
+        batches = sample(count)
+        batches["next", "reward"][0, 0] = float("inf")
+        return batches
 
     trainer.replay.sample = poisoned
     with pytest.raises(FloatingPointError, match="not finite") as caught:
