@@ -239,8 +239,8 @@ class DDPG:
         return {
             "loss_actor": terms["loss_actor"].detach(),
             "loss_critic": terms["loss_value"].detach(),
-            "q_mean": terms["pred_value"].detach().mean(),
-            "q_target_mean": terms["target_value"].detach().mean(),
+            "q_mean": terms["pred_value"].detach().float().mean(),
+            "q_target_mean": terms["target_value"].detach().float().mean(),
             "gradient_norm_actor": actor_norm,
             "gradient_norm_critic": critic_norm,
         }
