@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
@@ -21,6 +21,7 @@ from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.policies import ZOO, load_bundle, zoo_names
+from navrl.worlds import Scenario
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         The summary.
     """
     suite = instantiate(cfg.suite)
-    scenarios = suite.scenarios(num_workers=num_threads(cfg))
+    scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
     bundle = bundle_folder(cfg.policy)
     attends = bundle is not None and cfg.get("recordings", "none") != "none"
     make = partial(make_contender, with_attention=attends)
@@ -146,6 +147,17 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     write_results(folder, records, summary)
     finish(folder)
     return summary
+
+
+@lru_cache(maxsize=16)
+def _scenarios(suite: str, num_workers: int) -> list[Scenario]:
+    """Generate a suite's scenarios once for all policies of a sweep: they take a fifth of its time.
+
+    Args:
+        suite: Its resolved configuration as YAML.
+        num_workers: Processes that share the work.
+    """
+    return instantiate(OmegaConf.create(suite)).scenarios(num_workers=num_workers)
 
 
 def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:

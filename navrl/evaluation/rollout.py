@@ -236,6 +236,7 @@ def _play(
             for watcher in watchers:
                 watcher(stepped)
             series.add(stepped)
+            env.base_env.simulator.rest(~series.running)
             carrier = step_mdp(stepped)
     return series, solved
 

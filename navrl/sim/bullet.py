@@ -102,6 +102,9 @@ class BulletSimulator(Simulator):
             "tick": torch.zeros(self.num_worlds, **whole),  # substeps since the reset
             "contact": torch.zeros(self.num_worlds, **whole),
         }
+        self._rests = torch.zeros(self.num_worlds, dtype=torch.bool)
+        self._scans = torch.empty(self.num_worlds, lidar.num_beams)
+        self._is_scanned = torch.zeros(self.num_worlds, dtype=torch.bool)  # and is still there
         self._scenarios = ScenarioRows(self.num_worlds, self.max_pedestrians)
         self._client = Client(gui)
         self._num_removed = 0
@@ -119,6 +122,8 @@ class BulletSimulator(Simulator):
         self._rows["pose"][worlds] = scenarios.start.double()
         for name in ("velocity", "tick", "contact"):
             self._rows[name][worlds] = 0
+        self._rests[worlds] = False
+        self._is_scanned[worlds] = False
         self._build(worlds.tolist())
 
     def _build(self, worlds: list[int]) -> None:
@@ -148,9 +153,14 @@ class BulletSimulator(Simulator):
         self.check_command(command)
         commands = command.detach().double().tolist()
         tracks = self._pedestrians(1, self.substeps).tolist()
-        for world in (self._rows["contact"] == NONE).nonzero().flatten().tolist():
+        moves = (self._rows["contact"] == NONE) & ~self._rests
+        self._is_scanned[moves] = False
+        for world in moves.nonzero().flatten().tolist():
             self._drive(world, commands[world], tracks[world])
         return self.state()
+
+    def rest(self, worlds: Tensor) -> None:
+        self._rests = worlds.cpu().clone()
 
     def _drive(self, world: int, command: list[float], track: list[list[list[float]]]) -> None:
         """Advance one world by a step, or to its first contact."""
@@ -181,10 +191,12 @@ class BulletSimulator(Simulator):
 
     def ranges(self, worlds: Tensor | None = None) -> Tensor:
         self._check_ready()
-        chosen = range(self.num_worlds) if worlds is None else worlds.tolist()
+        chosen = torch.arange(self.num_worlds) if worlds is None else worlds
         poses = self._rows["pose"].tolist()
-        scans = [self._scenes[world].scan(poses[world]) for world in chosen]
-        return torch.from_numpy(np.stack(scans)) if scans else torch.empty(0, self.lidar.num_beams)
+        for world in chosen[~self._is_scanned[chosen]].tolist():
+            self._scans[world] = torch.from_numpy(self._scenes[world].scan(poses[world]))
+        self._is_scanned[chosen] = True
+        return self._scans[chosen]  # a copy
 
     def render(self, world: int = 0, width: int = 640, height: int = 480) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of a world from above; needs no display.
@@ -207,6 +219,8 @@ class BulletSimulator(Simulator):
                 raise ValueError(f"state[{name!r}] must be {list(rows.shape)}, got {got}")
         self._scenarios.load_state_dict(state)
         self._rows = {name: state[name].to(rows.dtype).clone() for name, rows in self._rows.items()}
+        self._rests.zero_()
+        self._is_scanned.zero_()
         self._build(list(range(self.num_worlds)))
 
     def _check_open(self) -> None:

@@ -132,6 +132,16 @@ class Simulator(ABC):
             RuntimeError: one of the worlds has not been reset yet.
         """
 
+    def rest(self, worlds: Tensor) -> None:
+        """Say which worlds nobody needs any more until they are reset.
+
+        A simulator that spares itself much by it leaves them as they are, frozen as after a contact
+        and with the same scan; others ignore it.
+
+        Args:
+            worlds: [N] bool.
+        """
+
     @abstractmethod
     def state_dict(self) -> dict[str, Tensor]:
         """Everything that :meth:`load_state_dict` needs to continue bit for bit."""

@@ -330,3 +330,25 @@ def test_bad_input_is_named(place):
         drive(simulator, math.nan, 0.0)
     with pytest.raises(ValueError, match="wall 0"):
         simulator.reset(torch.tensor([0]), pack(scene([(1.0, 0.0, -0.1, 1.0, 0.0)])))
+
+
+def test_a_world_that_rests_stays_as_it_is(place):
+    walk = walker((1.0, 0.0), (3.0, 0.0), speed=0.5)
+    simulator = place(scene(pedestrians=[walk]), scene(pedestrians=[walk]))
+    drive(simulator, 0.2, 0.0)
+    rested, before = simulator.state(), simulator.ranges()
+    simulator.rest(torch.tensor([True, False]))
+    drive(simulator, 0.2, 0.0, steps=3)
+    after = simulator.state()
+    for then, now in (
+        (rested.pose, after.pose),
+        (rested.time_s, after.time_s),
+        (rested.pedestrians[:, 0], after.pedestrians[:, 0]),
+    ):
+        assert torch.equal(then[0], now[0]) and not torch.equal(then[1], now[1])
+    assert torch.equal(simulator.ranges()[0], before[0])
+    assert not torch.equal(simulator.ranges()[1], before[1])
+    simulator.reset(torch.tensor([0]), pack(scene(pedestrians=[walk])))
+    drive(simulator, 0.2, 0.0)
+    torch.testing.assert_close(simulator.state().pose[0], rested.pose[0])
+    assert simulator.ranges()[0, 0] == before[0, 0]
