@@ -90,7 +90,9 @@ class CapturedUpdates:
         """Whether updates are replayed by now."""
         return bool(self._graphs)
 
-    def __call__(self, batches: TensorDictBase, after_each: Callable[[], None]) -> dict[str, Tensor]:
+    def __call__(
+        self, batches: TensorDictBase, after_each: Callable[[], None]
+    ) -> dict[str, Tensor]:
         """Update from each of ``[K, B]`` transitions in turn.
 
         Args:
@@ -143,9 +145,11 @@ class CapturedUpdates:
 
     def _batch(self) -> TensorDictBase:
         """Return a copy of the batch whose turn it is."""
-        return self._batches.apply(
-            lambda rows: rows.index_select(0, self._row).squeeze(0), batch_size=self._batches.shape[1:]
-        )
+
+        def chosen(rows: Tensor) -> Tensor:
+            return rows.index_select(0, self._row).squeeze(0)
+
+        return self._batches.apply(chosen, batch_size=self._batches.shape[1:])
 
     def _update(self, move: Move) -> None:
         scalars = self._gradients(self._batch())

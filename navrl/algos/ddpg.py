@@ -173,7 +173,7 @@ class DDPG:
         """Take one gradient step on both networks and move the targets.
 
         Args:
-            batch: ``[B]`` transitions; ``td_error`` is written into it, except by a recorded update.
+            batch: ``[B]`` transitions; ``td_error`` is written into it, but by recorded updates.
 
         Returns:
             Detached scalars: losses, mean value and target, gradient norms before clipping.
@@ -236,14 +236,15 @@ class DDPG:
             # Only the two losses: what else is returned is not detached.
             (terms["loss_actor"] + terms["loss_value"]).backward()
         actor_norm, critic_norm = map(self._clip, (self._actor_weights, self._critic_weights))
-        return {
-            "loss_actor": terms["loss_actor"].detach(),
-            "loss_critic": terms["loss_value"].detach(),
-            "q_mean": terms["pred_value"].detach().float().mean(),
-            "q_target_mean": terms["target_value"].detach().float().mean(),
+        scalars = {
+            "loss_actor": terms["loss_actor"],
+            "loss_critic": terms["loss_value"],
+            "q_mean": terms["pred_value"].float().mean(),
+            "q_target_mean": terms["target_value"].float().mean(),
             "gradient_norm_actor": actor_norm,
             "gradient_norm_critic": critic_norm,
         }
+        return {name: value.detach().float() for name, value in scalars.items()}
 
     def _clip(self, weights: list[Tensor]) -> Tensor:
         """Clip gradients, if there are any; return their norm before, on the weights' device."""

@@ -76,9 +76,7 @@ class _OneModule:
         return None
 
 
-def update_task(
-    learner: DDPG, batch: TensorDictBase, num_threads: int, at_a_time: int = 1
-) -> Task:
+def update_task(learner: DDPG, batch: TensorDictBase, num_threads: int, at_a_time: int = 1) -> Task:
     """Return a task whose unit is one update; more at a time are asked for in one call."""
     batches = batch.expand(at_a_time, *batch.shape)
 

@@ -132,7 +132,7 @@ class Simulator(ABC):
             RuntimeError: one of the worlds has not been reset yet.
         """
 
-    def rest(self, worlds: Tensor) -> None:
+    def rest(self, worlds: Tensor) -> None:  # noqa: B027, to ignore it is the rule
         """Say which worlds nobody needs any more until they are reset.
 
         A simulator that spares itself much by it leaves them as they are, frozen as after a contact

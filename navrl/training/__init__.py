@@ -7,7 +7,8 @@ from navrl.training.curriculum import Curriculum
 from navrl.training.engines import DistributedCollector, ProcessCollector, RayCollector
 from navrl.training.metrics_log import MetricsLog
 from navrl.training.replay import Replay
-from navrl.training.trainer import Progress, Schedule, Trainer
+from navrl.training.schedule import Progress, Schedule
+from navrl.training.trainer import Trainer
 
 __all__ = [
     "Behaviour",

@@ -96,7 +96,7 @@ class Replay:
         self._streams: dict[int, NStepReturn] = {0: self._n_step()}
         self.device = find_device(device)
         storage = LazyTensorStorage(capacity, device=self.device)
-        self._buffer = ReplayBuffer(storage=storage, batch_size=batch_size)
+        self._buffer = ReplayBuffer(storage=storage)
         self.written = 0
         self._journaled = 0
         self._chunks: list[tuple[int, int]] = []

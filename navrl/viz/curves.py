@@ -77,7 +77,7 @@ def plot_curves(
     over environment steps; only what some run logged gets axes. Evaluations are lines with marks,
     training episodes (with exploration) are thin lines; a dotted line is where the curriculum went
     up, if there is one setting only. Runs of one label are seeds of one setting: each is drawn,
-    pale, with their mean and a band from the least to the greatest over the frames that all reached.
+    pale, with their mean and a band from the least to the greatest.
 
     Args:
         csv_files: The trainer's ``metrics.csv`` of each run, or the ``curve.csv`` of its bundle.
