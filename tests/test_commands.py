@@ -37,7 +37,8 @@ RUN = "outputs/train/2026-11-23_12-00-00"
 ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "collector=ray")
 # What may be missing here, hardware or an optional dependency, which must be told in a line.
 NEEDS = {
-    **{"device=cuda": "cuda", "rows=[gpu]": "cuda", "gui=true": "display", "mp4": "ffmpeg"},
+    **{"device=cuda": "cuda", "hardware=gpu": "cuda", "rows=[gpu]": "cuda"},
+    **{"gui=true": "display", "mp4": "ffmpeg"},
     **{"navrl-report": "plotly", "launcher=cores": "joblib"},
 }
 # Run by CI itself, or no command of ours: exactly these.
