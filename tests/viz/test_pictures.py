@@ -99,6 +99,63 @@ def test_episodes_tell_their_setting_better_than_any_name(tmp_path):
     assert (point.num_dynamic, point.speed) == (2, 0.9)
 
 
+def write_world(folder, world, rate, **point):
+    """An evaluation of a suite of one world, as the frozen sweeps have them."""
+    episodes = point.get("episodes", 100)
+    part = {"episodes": episodes, "success_rate": rate}
+    write_point(folder / f"{world}{point}", "paper", rate, by_scenario={world: part}, **point)
+
+
+def test_worlds_played_apart_are_pooled_where_all_of_them_are_there(tmp_path, figures):
+    for world, won, episodes in (
+        ("corridor", (0.9, 0.8, 0.7), 300),
+        ("intersection", (0.8, 0.6, 0.4), 100),
+        ("office", (0.5, 0.3), 100),  # not yet at 1.0 m/s
+    ):
+        for speed, rate in zip((0.2, 0.6, 1.0), won, strict=False):
+            suite = f"speed_{world}_{speed}"
+            point = {"suite": suite, "speed": speed, "episodes": episodes}
+            write_world(tmp_path, world, rate, suite_hash=suite, **point)
+    plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+    (figure,) = figures
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == ["corridor", "intersection", "office", "all worlds"]
+    drawn = [next(iter(lines_of(axes).values())) for axes in figure.axes]
+    assert drawn[0] == [(0.2, 0.9), (0.6, 0.8), (1.0, 0.7)]
+    assert drawn[1] == [(0.2, 0.8), (0.6, 0.6), (1.0, 0.4)]
+    assert drawn[2] == [(0.2, 0.5), (0.6, 0.3)]
+    assert drawn[3] == [(0.2, (270 + 80 + 50) / 500), (0.6, (240 + 60 + 30) / 500)]
+    corners = figure.axes[3].collections[0].get_paths()[0].vertices.tolist()
+    assert [0.2, pytest.approx(wilson_interval(400, 500)[0])] in corners
+    assert "100 to 300 episodes" in figure.legends[0].get_title().get_text()
+
+
+def test_walkers_that_stay_are_counted_and_each_row_takes_its_own_suites(tmp_path):
+    for kept, rate in ((1, 0.9), (2, 0.7), (8, 0.2)):
+        write_world(tmp_path, "office", rate, suite=f"density_office_{kept}", count=kept)
+        (config,) = tmp_path.glob(f"*density_office_{kept}'*/config.yaml")
+        distribution = {"num_dynamic": [8, 8], "keep_dynamic": kept, "speed": [0.6, 0.6]}
+        config.write_text(yaml.safe_dump({"suite": {"distribution": distribution}}))
+    for speed, rate in ((0.2, 0.8), (0.6, 0.6)):
+        write_world(tmp_path, "office", rate, suite=f"speed_office_{speed}", speed=speed)
+    write_world(tmp_path, "office", 0.1, suite="table1_200", episodes=200)
+    points = [p for e in find_evaluations([tmp_path]) for p in rates.rate_points(e)]
+    speed, number = rates.rate_rows(points).values()
+    assert list(speed) == list(number) == [("paper", "office")]  # nothing to pool
+    assert [(x, p.rate) for x, p in speed["paper", "office"]] == [(0.2, 0.8), (0.6, 0.6)]
+    assert [(x, p.rate) for x, p in number["paper", "office"]] == [(1, 0.9), (2, 0.7), (8, 0.2)]
+
+
+def test_nine_policies_look_different(tmp_path, figures):
+    for i in range(9):
+        for speed in (0.2, 0.6):
+            write_point(tmp_path / f"{i}_{speed}", f"policy_{i}", 0.9 - i / 10, speed=speed)
+    plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+    lines = figures[0].axes[0].lines
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 9
+    assert len({(line.get_color(), line.get_marker()) for line in lines}) == 9
+
+
 def test_rates_need_two_settings_of_one_simulator(tmp_path):
     write_point(tmp_path / "a", "paper", 0.5)
     with pytest.raises(ValueError, match=r"two speeds.*\(2, 0\.6\)"):
