@@ -207,7 +207,7 @@ def rated_worlds(rows: Mapping[str, Lines]) -> list[str]:
     return sorted({p.world for p in _each(rows)}, key=lambda w: (w == ALL_WORLDS, w))
 
 
-def settings_of(lines: Lines) -> list[float]:
+def rated_settings(lines: Lines) -> list[float]:
     """Return the speeds or numbers at which anything was played."""
     return sorted({x for line in lines.values() for x, _ in line})
 
@@ -259,7 +259,7 @@ def _draw(axes: Axes, lines: Lines, policies: Sequence[str], world: str) -> None
         axes.plot(xs, [p.rate for _, p in line], **_look(i))
     axes.set_ylim(-0.02, 1.02)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    settings = settings_of(lines)
+    settings = rated_settings(lines)
     if len(settings) <= 8:
         axes.set_xticks(settings)
     else:

@@ -14,7 +14,14 @@ from plotly.subplots import make_subplots
 from navrl.evaluation.comparison import ComparisonTable
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.curves import TrainingLog
-from navrl.viz.rates import RatePoint, rate_points, rate_rows, rated_policies, rated_worlds
+from navrl.viz.rates import (
+    RatePoint,
+    rate_points,
+    rate_rows,
+    rated_policies,
+    rated_settings,
+    rated_worlds,
+)
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILLION, line_look
 
 _OUTCOMES = {
@@ -181,9 +188,12 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
     if not rows or len({str(e.summary["simulator"]) for e in evaluations}) > 1:
         return None
     policies, worlds = rated_policies(rows), rated_worlds(rows)
-    titles = worlds * len(rows)
     figure = make_subplots(
-        len(rows), len(worlds), shared_yaxes=True, subplot_titles=titles, horizontal_spacing=0.02
+        *(len(rows), len(worlds)),
+        shared_yaxes=True,
+        subplot_titles=worlds * len(rows),
+        horizontal_spacing=0.02,
+        vertical_spacing=0.25,
     )
     named: set[str] = set()  # in the legend, which is one for all panels
     for i, (label, lines) in enumerate(rows.items()):
@@ -195,7 +205,8 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
                     trace.update(name=policy, legendgroup=policy, showlegend=policy not in named)
                     figure.add_trace(trace, **at)
                     named.add(policy)
-            figure.update_xaxes(title={"text": label, "font": {"size": 11}}, **at)
+            title = {"text": label, "font": {"size": 11}}
+            figure.update_xaxes(title=title, tickvals=rated_settings(lines), **at)
         figure.update_yaxes(title="success rate", row=i + 1, col=1)
     figure.update_yaxes(tickformat=".0%", range=[-0.02, 1.02])
     _finished(figure, 130 + 330 * len(rows), legend=True)
