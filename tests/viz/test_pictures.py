@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from evaluated import HIT, LATE, WON, write_evaluation
 from PIL import Image
 
 from navrl.config import CONF_DIR
@@ -197,12 +198,58 @@ def test_failures_leave_successes_out(tmp_path, recording):
     lost = dataclasses.replace(recording, outcome="collision_static")
     won = dataclasses.replace(recording, outcome="success")
     text = save_failures([won, lost, lost, lost], tmp_path / "lost.svg", limit=2).read_text()
-    assert "3 of 4 recorded episodes were lost; the first 2" in text
+    assert ">2 of 3 lost episodes<" in text
     assert text.count("collision with a wall") == 2
+    assert ">1 lost episode<" in save_failures([lost, won], tmp_path / "lost.svg").read_text()
     with pytest.raises(ValueError, match="none of 1 failed"):
         save_failures([won], tmp_path / "lost.svg")
     with pytest.raises(ValueError, match="limit=0"):
         save_failures([lost], tmp_path / "lost.svg", limit=0)
+
+
+def write_recorded(folder, policy, outcomes, recording):
+    """An evaluation that kept its lost episodes."""
+    write_evaluation(folder, policy, outcomes)
+    (folder / "recordings").mkdir()
+    for index, outcome in enumerate(outcomes):
+        if outcome != WON:
+            lost = dataclasses.replace(recording, outcome=outcome)
+            lost.save(folder / "recordings" / f"{index:06d}.npz")
+
+
+def test_evaluations_beside_recordings_tell_who_lost_how_many_of_how_many(tmp_path, recording):
+    write_recorded(tmp_path / "a", "paper", [WON] * 7 + [HIT] * 3, recording)
+    write_recorded(tmp_path / "b", "dwa", [WON] * 8 + [LATE] * 2, recording)
+    (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
+    text = file.read_text()
+    assert ">5 of 20 episodes were lost<" in text
+    assert text.count(">paper<") == 3 and text.count(">dwa<") == 2
+    (file,) = pictures.failures([tmp_path / "a"], tmp_path / "lost", [".svg"], limit=2)
+    assert ">3 of 10 episodes were lost; 2 of them shown<" in file.read_text()
+    one = tmp_path / "a" / "recordings" / "000008.npz"
+    (file,) = pictures.failures([one], tmp_path / "lost", [".svg"])
+    assert ">3 of 10 episodes were lost; 1 of them shown<" in file.read_text()
+    (tmp_path / "b" / "summary.json").unlink()  # unfinished: nobody knows
+    (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
+    assert ">5 lost episodes<" in file.read_text() and ">paper<" in file.read_text()
+
+
+def test_a_strip_names_the_episode_and_who_played_it(tmp_path, recording):
+    write_recorded(tmp_path / "a", "paper", [WON, HIT], recording)
+    (file,) = pictures.strip([tmp_path / "a"], tmp_path / "strip", [".svg"])
+    assert ">paper<" in file.read_text()
+    assert ">pictured #1, intersection: collision with a pedestrian<" in file.read_text()
+    (tmp_path / "played" / ".hydra").mkdir(parents=True)
+    recording.save(tmp_path / "played" / "episode.npz")
+    (file,) = pictures.strip([tmp_path / "played"], tmp_path / "strip", [".svg"])
+    assert ">pictured #1, intersection: " in file.read_text()
+    for asked, name in (
+        ({"policy": "outputs/train/mine/policy", "change": {}}, "mine"),
+        ({"policy": "paper", "change": {"transforms": {"tagd": None}}}, "paper, changed"),
+    ):
+        (tmp_path / "played" / ".hydra" / "config.yaml").write_text(yaml.safe_dump(asked))
+        (file,) = pictures.strip([tmp_path / "played"], tmp_path / "strip", [".svg"])
+        assert f">{name}<" in file.read_text()
 
 
 def test_mp4_has_a_frame_a_step(tmp_path, recording, monkeypatch):
