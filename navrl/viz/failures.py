@@ -51,7 +51,7 @@ def save_failures(
     columns = len(shown) if len(shown) <= 4 else min(4, math.ceil(math.sqrt(len(shown))))
     rows = -(-len(shown) // columns)
     with style():
-        figure = Figure((max(3.0 * columns, 6.0), 3.2 * rows + 0.9), layout="constrained")
+        figure = Figure((max(3.0 * columns, 6.0), 3.5 * rows + 1.0), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False)
         for axes, (recording, policy) in zip(panels.flat, shown, strict=False):
             draw_scene(axes, recording, recording.num_steps, descriptors=False)
