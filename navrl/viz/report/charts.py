@@ -211,7 +211,7 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
     figure.update_yaxes(tickformat=".0%", range=[-0.02, 1.02])
     _finished(figure, 130 + 330 * len(rows), legend=True)
     below = {"y": 0.0, "yref": "container", "yanchor": "bottom"}  # the worlds' names are above
-    return figure.update_layout(legend=below)
+    return figure.update_layout(legend=below, margin_t=60)  # and below the buttons
 
 
 # --- parts ---------------------------------------------------------------------------------------
