@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,6 +37,12 @@ _GIF_INCHES, _GIF_DPI = 4.8, 100  # 480 px wide
 _HOLD_S = 1.5  # s for which the last frame stays longer
 
 
+def episode_name(recording: Recording) -> str:
+    """Return suite, index and kind of world."""
+    scenario = json.loads(recording.scenario)
+    return f"{scenario['suite']} #{scenario['index']}, {scenario['kind']}"
+
+
 def save_png(recording: Recording, file: str | Path, step: int | None = None) -> Path:
     """Draw one moment: spatial attention, temporal attention, and all commands.
 
@@ -68,13 +75,16 @@ def save_png(recording: Recording, file: str | Path, step: int | None = None) ->
         return save_figure(figure, file)
 
 
-def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
+def save_strip(
+    recording: Recording, file: str | Path, count: int = 6, policy: str | None = None
+) -> Path:
     """Draw an episode as moments at even distances in time, the first and the last included.
 
     Args:
         recording: The episode.
         file: ``.png``, ``.svg`` or ``.pdf``.
         count: Number of moments, at least 2.
+        policy: Who played, for the headline.
 
     Returns:
         The file.
@@ -90,7 +100,7 @@ def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
     rows = -(-len(steps) // columns)
     with style():
         figure = Figure(
-            (columns * width * 0.7 + 0.3, rows * height * 0.7 + 0.8), layout="constrained"
+            (columns * width * 0.7 + 0.3, rows * height * 0.7 + 0.95), layout="constrained"
         )
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, step in zip(panels.flat, steps, strict=False):
@@ -100,7 +110,9 @@ def save_strip(recording: Recording, file: str | Path, count: int = 6) -> Path:
         for axes in panels.flat[len(steps) :]:
             axes.set_visible(False)
         add_legend(figure, recording, columns=6, attention=(), descriptors=False)
-        figure.suptitle(OUTCOME_WORDS.get(recording.outcome, recording.outcome), fontsize=10)
+        ending = OUTCOME_WORDS.get(recording.outcome, recording.outcome)
+        who = [policy] if policy else []
+        figure.suptitle("\n".join([*who, f"{episode_name(recording)}: {ending}"]), fontsize=10)
         return save_figure(figure, file)
 
 

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-import json
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from navrl.evaluation.recording import Recording
-from navrl.viz.animation import OUTCOME_WORDS
+from navrl.viz.animation import OUTCOME_WORDS, episode_name
 from navrl.viz.legend import add_legend
 from navrl.viz.scene import draw_scene
 from navrl.viz.style import save_figure, style
 
+_TITLE_LETTERS = 46  # in a panel's width
 
-def save_failures(recordings: Sequence[Recording], file: str | Path, limit: int = 12) -> Path:
+
+def save_failures(
+    recordings: Sequence[Recording],
+    file: str | Path,
+    limit: int = 12,
+    policies: Sequence[str | None] | None = None,
+    counts: tuple[int, int] | None = None,
+) -> Path:
     """Draw the end of every episode that was no success, with the way to it.
 
     Args:
         recordings: Episodes; successes are passed over.
         file: ``.png``, ``.svg`` or ``.pdf``.
         limit: Of scenes; the first ones are drawn, and the headline tells how many there are.
+        policies: Who played each recording, ``None`` where that is not known.
+        counts: Episodes lost and played, recorded or not; ``None`` if that is not known.
 
     Returns:
         The file.
@@ -32,33 +42,40 @@ def save_failures(recordings: Sequence[Recording], file: str | Path, limit: int 
     """
     if limit < 1:
         raise ValueError(f"limit={limit}: must be at least 1")
-    failed = [recording for recording in recordings if recording.outcome != "success"]
+    policies = [None] * len(recordings) if policies is None else policies
+    pairs = zip(recordings, policies, strict=True)
+    failed = [(recording, policy) for recording, policy in pairs if recording.outcome != "success"]
     if not failed:
         raise ValueError(f"recordings: none of {len(recordings)} failed, there is nothing to show")
     shown = failed[:limit]
     columns = len(shown) if len(shown) <= 4 else min(4, math.ceil(math.sqrt(len(shown))))
     rows = -(-len(shown) // columns)
     with style():
-        figure = Figure((max(3.0 * columns, 6.0), 3.2 * rows + 0.9), layout="constrained")
+        figure = Figure((max(3.0 * columns, 6.0), 3.5 * rows + 1.0), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False)
-        for axes, recording in zip(panels.flat, shown, strict=False):
+        for axes, (recording, policy) in zip(panels.flat, shown, strict=False):
             draw_scene(axes, recording, recording.num_steps, descriptors=False)
-            axes.set_title(_title(recording), fontsize=8)
+            axes.set_title(_title(recording, policy), fontsize=8)
         for axes in panels.flat[len(shown) :]:
             axes.set_visible(False)
-        add_legend(figure, shown[0], columns=3, attention=(), descriptors=False)
-        figure.suptitle(
-            f"{len(failed)} of {len(recordings)} recorded episodes were lost"
-            + (f"; the first {len(shown)}" if len(shown) < len(failed) else ""),
-            fontsize=10,
-        )
+        add_legend(figure, shown[0][0], columns=3, attention=(), descriptors=False)
+        figure.suptitle(_headline(len(shown), len(failed), counts), fontsize=10)
         return save_figure(figure, file)
 
 
-def _title(recording: Recording) -> str:
-    scenario = json.loads(recording.scenario)
+def _headline(shown: int, recorded: int, counts: tuple[int, int] | None) -> str:
+    """Say how many were lost; recordings tell nothing of how many were played."""
+    if counts is None:
+        some = f"{shown} of {recorded}" if shown < recorded else f"{recorded}"
+        return f"{some} lost episode{'s' * (recorded != 1)}"
+    lost, played = counts
+    some = f"; {shown} of them shown" if shown < lost else ""
+    return f"{lost:,} of {played:,} episodes were lost{some}"
+
+
+def _title(recording: Recording, policy: str | None) -> str:
     seconds = recording.num_steps * recording.time_step_s
     ending = OUTCOME_WORDS.get(recording.outcome, recording.outcome)
-    return (
-        f"{scenario['suite']} #{scenario['index']}, {scenario['kind']}\n{ending}, {seconds:.1f} s"
-    )
+    lines = [episode_name(recording), f"{ending}, {seconds:.1f} s"]
+    lines = lines if policy is None else [policy, *lines]
+    return "\n".join(textwrap.fill(line, _TITLE_LETTERS) for line in lines)

@@ -14,6 +14,7 @@ from navrl.evaluation.stored import find_evaluations
 from navrl.viz.animation import save_gif, save_png, save_strip
 from navrl.viz.curves import plot_curves
 from navrl.viz.failures import save_failures
+from navrl.viz.origins import lost_and_played, policy_of
 from navrl.viz.rates import plot_rates
 from navrl.viz.tagd import save_tagd
 from navrl.viz.video import save_mp4
@@ -88,16 +89,21 @@ def strip(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, count: int = 6
 ) -> list[Path]:
     """Moments of an episode side by side."""
-    recording = find_recordings(sources)[0]
-    return _each_format(lambda file: save_strip(recording, file, count), out, formats)
+    episode = find_files(sources, "*.npz")[0]
+    recording, policy = Recording.load(episode), policy_of(episode)
+    return _each_format(lambda file: save_strip(recording, file, count, policy), out, formats)
 
 
 def failures(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, limit: int = 12
 ) -> list[Path]:
     """The ends of lost episodes."""
-    recordings = find_recordings(sources)
-    return _each_format(lambda file: save_failures(recordings, file, limit), out, formats)
+    episodes = find_files(sources, "*.npz")
+    recordings, policies = find_recordings(episodes), [policy_of(file) for file in episodes]
+    counts = lost_and_played(episodes)
+    return _each_format(
+        lambda file: save_failures(recordings, file, limit, policies, counts), out, formats
+    )
 
 
 def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -13,12 +14,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.style import line_look, save_figure, style
 
+ALL_WORLDS = "all worlds"
+"""Name of what is pooled over every kind of world."""
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet
-_ALL = "all worlds"
-_MARKERS = "osD^vPX"
+_MARKERS = "osD^vPX<"  # one more than colours: the same pair of both comes late
 
 
 @dataclass(frozen=True)
@@ -28,27 +31,42 @@ class RatePoint:
     Args:
         policy: Name.
         world: ``corridor``, ``intersection``, ``office``, or all of them.
+        suite: Name of what was played.
         num_dynamic: Walking pedestrians.
         speed: m/s, theirs.
-        rate: Share of episodes won.
-        interval: 95 %, of that share.
+        successes: Number of episodes won.
         episodes: Number played.
     """
 
     policy: str
     world: str
+    suite: str
     num_dynamic: int
     speed: float
-    rate: float
-    interval: tuple[float, float]
+    successes: int
     episodes: int
+
+    @property
+    def rate(self) -> float:
+        """Share of episodes won."""
+        return self.successes / self.episodes
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, of that share (Wilson)."""
+        return wilson_interval(self.successes, self.episodes)
+
+
+Lines = dict[tuple[str, str], list[tuple[float, RatePoint]]]
+"""By policy and world: (speed or number, success there), in ascending order."""
 
 
 def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
     """Draw success over pedestrians' speed and over their number, with 95 % intervals.
 
     The first row is over speed with two walking pedestrians, the second over number at 0.6 m/s; a
-    row without two settings is left out. Columns are kinds of worlds, the last one all of them.
+    row without two settings is left out. Columns are kinds of worlds, the last one all of them,
+    with only the settings that were played in each.
 
     Args:
         evaluations: Of suites that differ in speed or number; others are passed over.
@@ -65,7 +83,7 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
     """
     simulators = sorted({str(e.summary["simulator"]) for e in evaluations})
     points = [point for evaluation in evaluations for point in rate_points(evaluation)]
-    rows = [row for row in (speed_row(points), number_row(points)) if row is not None]
+    rows = rate_rows(points)
     if not rows:
         raise ValueError(
             "source: success over speed or number needs evaluations at two speeds or two numbers "
@@ -73,39 +91,36 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
         )
     if len(simulators) > 1:
         raise ValueError(f"source: needs results of one simulator, found {', '.join(simulators)}")
-    policies = sorted({p.policy for p in points}, key=lambda policy: -_mean_rate(points, policy))
-    worlds = [w for w in dict.fromkeys(p.world for p in points) if w != _ALL]
-    worlds = [*sorted(worlds), _ALL]
+    policies, worlds = rated_policies(rows), rated_worlds(rows)
     with style():
-        figure = Figure((2.8 * len(worlds), 2.7 * len(rows) + 0.7), layout="constrained")
+        size = max(2.8 * len(worlds), 4.5), 2.7 * len(rows) + 0.7
+        figure = Figure(size, layout="constrained")
         grid = figure.subplots(len(rows), len(worlds), sharey=True, squeeze=False)
-        for axes_row, (label, chosen) in zip(grid, rows, strict=True):
+        for axes_row, (label, lines) in zip(grid, rows.items(), strict=True):
             for axes, world in zip(axes_row, worlds, strict=True):
-                _draw(axes, chosen, policies, world)
+                _draw(axes, lines, policies, world)
                 axes.set(title=world, xlabel=label)
             axes_row[0].set_ylabel("success rate")
-        _add_key(figure, policies, points, simulators[0])
+        _add_key(figure, policies, rows, simulators[0])
         return save_figure(figure, file)
 
 
 def rate_points(evaluation: Evaluation) -> list[RatePoint]:
-    """Return the success rate in each kind of world and in all; empty of a suite of no sweep."""
+    """Return the success in each kind of world of an evaluation; empty of a suite of no sweep."""
     setting = _setting(evaluation)
     if setting is None:
         return []
-    parts: dict[str, Mapping] = {**evaluation.summary.get("by_scenario", {})}
-    parts[_ALL] = evaluation.summary
     return [
         RatePoint(
             policy=evaluation.label,
             world=world,
+            suite=str(evaluation.summary["suite"]),
             num_dynamic=setting[0],
             speed=setting[1],
-            rate=part["success_rate"],
-            interval=tuple(part["success_interval"]),
+            successes=round(part["success_rate"] * part["episodes"]),
             episodes=part["episodes"],
         )
-        for world, part in parts.items()
+        for world, part in (evaluation.summary.get("by_scenario") or {}).items()
     ]
 
 
@@ -148,62 +163,107 @@ def _configured_setting(file: Path) -> tuple[int, float] | None:
     suite = yaml.safe_load(file.read_text()).get("suite") or {}
     distribution = suite.get("distribution") or {}
     count, speed = distribution.get("num_dynamic"), distribution.get("speed")
+    kept = distribution.get("keep_dynamic")  # of those placed, who are at least as many
+    count = count if kept is None else [kept, kept]
     if not count or not speed or count[0] != count[1] or speed[0] != speed[1]:
         return None
     return int(count[0]), float(speed[0])
 
 
-Row = tuple[str, dict[float, list[RatePoint]]]
+# --- which lines ---------------------------------------------------------------------------------
 
 
-def speed_row(points: Sequence[RatePoint]) -> Row | None:
-    """Return the points over speed, by speed; ``None`` of fewer than two."""
-    chosen = [(p.speed, p) for p in points if p.num_dynamic == _TABLE[0]]
-    return _row(f"pedestrian speed in m/s ({_TABLE[0]} walking)", chosen)
+def rate_rows(points: Sequence[RatePoint]) -> dict[str, Lines]:
+    """Return the lines over speed and over number, by what the axis is called.
+
+    All worlds together are a line more, of the settings where a policy played every world that is
+    in any row. Over fewer than two settings there is no row.
+    """
+    over = {
+        f"pedestrian speed in m/s ({_TABLE[0]} walking)": (
+            "speed",
+            [(p.speed, p) for p in points if p.num_dynamic == _TABLE[0]],
+        ),
+        f"number of walking pedestrians (at {_TABLE[1]} m/s)": (
+            "density",
+            [(float(p.num_dynamic), p) for p in points if p.speed == _TABLE[1]],
+        ),
+    }
+    over = {k: chosen for k, chosen in over.items() if len({x for x, _ in chosen[1]}) > 1}
+    worlds = {p.world for _, chosen in over.values() for _, p in chosen}
+    return {label: _lines(sweep, chosen, worlds) for label, (sweep, chosen) in over.items()}
 
 
-def number_row(points: Sequence[RatePoint]) -> Row | None:
-    """Return the points over the number of pedestrians, by number; ``None`` of fewer than two."""
-    chosen = [(float(p.num_dynamic), p) for p in points if p.speed == _TABLE[1]]
-    return _row(f"walking pedestrians (at {_TABLE[1]} m/s)", chosen)
+def rated_policies(rows: Mapping[str, Lines]) -> list[str]:
+    """Return the policies of some rows, the most successful one first."""
+    points: dict[str, list[RatePoint]] = defaultdict(list)
+    for point in _each(rows):
+        points[point.policy].append(point)
+    return sorted(points, key=lambda policy: (-_pooled(points[policy]).rate, policy))
 
 
-def _row(label: str, chosen: Sequence[tuple[float, RatePoint]]) -> Row | None:
-    at: dict[float, dict[tuple[str, str], RatePoint]] = {}
-    for x, point in sorted(chosen, key=lambda pair: pair[1].episodes):
-        at.setdefault(x, {})[point.policy, point.world] = point  # of two, the one of more episodes
-    if len(at) < 2:
-        return None
-    return label, {x: list(points.values()) for x, points in sorted(at.items())}
+def rated_worlds(rows: Mapping[str, Lines]) -> list[str]:
+    """Return the worlds of some rows, all of them together last."""
+    return sorted({p.world for p in _each(rows)}, key=lambda w: (w == ALL_WORLDS, w))
+
+
+def rated_settings(lines: Lines) -> list[float]:
+    """Return the speeds or numbers at which anything was played."""
+    return sorted({x for line in lines.values() for x, _ in line})
+
+
+def _lines(sweep: str, chosen: Sequence[tuple[float, RatePoint]], worlds: set[str]) -> Lines:
+    """Join points to lines; of two suites the sweep's own counts, then that of more episodes.
+
+    Suites are not pooled: ``table1_200`` is the beginning of ``table1``.
+    """
+    best = {
+        (p.policy, p.world, x): p
+        for x, p in sorted(chosen, key=lambda c: (c[1].suite.startswith(sweep), c[1].episodes))
+    }
+    lines: Lines = defaultdict(list)
+    parts: dict[tuple[str, float], list[RatePoint]] = defaultdict(list)
+    for policy, world, x in sorted(best):
+        lines[policy, world].append((x, best[policy, world, x]))
+        parts[policy, x].append(best[policy, world, x])
+    for (policy, x), members in sorted(parts.items()):
+        if len(members) == len(worlds) > 1:
+            lines[policy, ALL_WORLDS].append((x, _pooled(members)))
+    return dict(lines)
+
+
+def _pooled(points: Sequence[RatePoint]) -> RatePoint:
+    return replace(
+        points[0],
+        world=ALL_WORLDS,
+        successes=sum(p.successes for p in points),
+        episodes=sum(p.episodes for p in points),
+    )
+
+
+def _each(rows: Mapping[str, Lines]) -> list[RatePoint]:
+    return [p for lines in rows.values() for line in lines.values() for _, p in line]
 
 
 # --- parts ---------------------------------------------------------------------------------------
 
 
-def _draw(
-    axes: Axes, at: Mapping[float, Sequence[RatePoint]], policies: Sequence[str], world: str
-) -> None:
+def _draw(axes: Axes, lines: Lines, policies: Sequence[str], world: str) -> None:
     for i, policy in enumerate(policies):
-        found = [
-            (x, p)
-            for x, points in at.items()
-            for p in points
-            if (p.policy, p.world) == (policy, world)
-        ]
-        if not found:
+        line = lines.get((policy, world), [])
+        if not line:
             continue
-        xs = [x for x, _ in found]
-        low, high = zip(*(p.interval for _, p in found), strict=True)
+        xs = [x for x, _ in line]
+        low, high = zip(*(p.interval for _, p in line), strict=True)
         axes.fill_between(xs, low, high, color=_look(i)["color"], alpha=0.15, linewidth=0)
-        axes.plot(xs, [p.rate for _, p in found], **_look(i))
+        axes.plot(xs, [p.rate for _, p in line], **_look(i))
     axes.set_ylim(-0.02, 1.02)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    axes.set_xticks(list(at)) if len(at) <= 8 else axes.xaxis.set_major_locator(MaxNLocator(6))
-
-
-def _mean_rate(points: Sequence[RatePoint], policy: str) -> float:
-    rates = [p.rate for p in points if (p.policy, p.world) == (policy, _ALL)]
-    return sum(rates) / len(rates)
+    settings = rated_settings(lines)
+    if len(settings) <= 8:
+        axes.set_xticks(settings)
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(6))
 
 
 def _look(i: int) -> dict:
@@ -212,15 +272,16 @@ def _look(i: int) -> dict:
 
 
 def _add_key(
-    figure: Figure, policies: Sequence[str], points: Sequence[RatePoint], simulator: str
+    figure: Figure, policies: Sequence[str], rows: Mapping[str, Lines], simulator: str
 ) -> None:
     handles = [Line2D([], [], label=policy, **_look(i)) for i, policy in enumerate(policies)]
-    counts = sorted({p.episodes for p in points if p.world == _ALL})
-    shown = " to ".join(f"{count:,}" for count in dict.fromkeys((counts[0], counts[-1])))
+    counts = [p.episodes for p in _each(rows) if p.world != ALL_WORLDS]
+    shown = " to ".join(f"{n:,}" for n in dict.fromkeys((min(counts), max(counts))))
+    inches = 0.55 + 0.058 * max(map(len, policies))  # of an entry, in 7 points
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=min(len(handles), 6),
-        title=f"{simulator}; {shown} episodes a point in all worlds; bands: 95 % intervals",
+        ncols=max(1, min(len(handles), 6, int(figure.get_figwidth() / inches))),
+        title=f"{simulator}; {shown} episodes a point and world; bands: 95 % intervals",
         title_fontsize=7,
     )

@@ -22,7 +22,9 @@ def test_viz_imports_no_simulation_and_no_window():
     names = {name for file in files for name in imported(file)}
     ours = {name for name in names if name.startswith("navrl")}
     assert files
-    files_alone = {f"navrl.evaluation.{name}" for name in ("recording", "comparison", "stored")}
+    files_alone = {
+        f"navrl.evaluation.{name}" for name in ("recording", "comparison", "statistics", "stored")
+    }
     assert {n for n in ours if not n.startswith("navrl.viz")} <= files_alone
     assert not [n for n in names if n.startswith(("torch", "pybullet", "matplotlib.pyplot"))]
 

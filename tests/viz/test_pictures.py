@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from evaluated import HIT, LATE, WON, write_evaluation
 from PIL import Image
 
 from navrl.config import CONF_DIR
@@ -99,6 +100,63 @@ def test_episodes_tell_their_setting_better_than_any_name(tmp_path):
     assert (point.num_dynamic, point.speed) == (2, 0.9)
 
 
+def write_world(folder, world, rate, **point):
+    """An evaluation of a suite of one world, as the frozen sweeps have them."""
+    episodes = point.get("episodes", 100)
+    part = {"episodes": episodes, "success_rate": rate}
+    write_point(folder / f"{world}{point}", "paper", rate, by_scenario={world: part}, **point)
+
+
+def test_worlds_played_apart_are_pooled_where_all_of_them_are_there(tmp_path, figures):
+    for world, won, episodes in (
+        ("corridor", (0.9, 0.8, 0.7), 300),
+        ("intersection", (0.8, 0.6, 0.4), 100),
+        ("office", (0.5, 0.3), 100),  # not yet at 1.0 m/s
+    ):
+        for speed, rate in zip((0.2, 0.6, 1.0), won, strict=False):
+            suite = f"speed_{world}_{speed}"
+            point = {"suite": suite, "speed": speed, "episodes": episodes}
+            write_world(tmp_path, world, rate, suite_hash=suite, **point)
+    plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+    (figure,) = figures
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == ["corridor", "intersection", "office", "all worlds"]
+    drawn = [next(iter(lines_of(axes).values())) for axes in figure.axes]
+    assert drawn[0] == [(0.2, 0.9), (0.6, 0.8), (1.0, 0.7)]
+    assert drawn[1] == [(0.2, 0.8), (0.6, 0.6), (1.0, 0.4)]
+    assert drawn[2] == [(0.2, 0.5), (0.6, 0.3)]
+    assert drawn[3] == [(0.2, (270 + 80 + 50) / 500), (0.6, (240 + 60 + 30) / 500)]
+    corners = figure.axes[3].collections[0].get_paths()[0].vertices.tolist()
+    assert [0.2, pytest.approx(wilson_interval(400, 500)[0])] in corners
+    assert "100 to 300 episodes" in figure.legends[0].get_title().get_text()
+
+
+def test_walkers_that_stay_are_counted_and_each_row_takes_its_own_suites(tmp_path):
+    for kept, rate in ((1, 0.9), (2, 0.7), (8, 0.2)):
+        write_world(tmp_path, "office", rate, suite=f"density_office_{kept}", count=kept)
+        (config,) = tmp_path.glob(f"*density_office_{kept}'*/config.yaml")
+        distribution = {"num_dynamic": [8, 8], "keep_dynamic": kept, "speed": [0.6, 0.6]}
+        config.write_text(yaml.safe_dump({"suite": {"distribution": distribution}}))
+    for speed, rate in ((0.2, 0.8), (0.6, 0.6)):
+        write_world(tmp_path, "office", rate, suite=f"speed_office_{speed}", speed=speed)
+    write_world(tmp_path, "office", 0.1, suite="table1_200", episodes=200)
+    points = [p for e in find_evaluations([tmp_path]) for p in rates.rate_points(e)]
+    speed, number = rates.rate_rows(points).values()
+    assert list(speed) == list(number) == [("paper", "office")]  # nothing to pool
+    assert [(x, p.rate) for x, p in speed["paper", "office"]] == [(0.2, 0.8), (0.6, 0.6)]
+    assert [(x, p.rate) for x, p in number["paper", "office"]] == [(1, 0.9), (2, 0.7), (8, 0.2)]
+
+
+def test_nine_policies_look_different(tmp_path, figures):
+    for i in range(9):
+        for speed in (0.2, 0.6):
+            write_point(tmp_path / f"{i}_{speed}", f"policy_{i}", 0.9 - i / 10, speed=speed)
+    plot_rates(find_evaluations([tmp_path]), tmp_path / "rates.png")
+    lines = figures[0].axes[0].lines
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 9
+    assert len({(line.get_color(), line.get_marker()) for line in lines}) == 9
+
+
 def test_rates_need_two_settings_of_one_simulator(tmp_path):
     write_point(tmp_path / "a", "paper", 0.5)
     with pytest.raises(ValueError, match=r"two speeds.*\(2, 0\.6\)"):
@@ -140,12 +198,58 @@ def test_failures_leave_successes_out(tmp_path, recording):
     lost = dataclasses.replace(recording, outcome="collision_static")
     won = dataclasses.replace(recording, outcome="success")
     text = save_failures([won, lost, lost, lost], tmp_path / "lost.svg", limit=2).read_text()
-    assert "3 of 4 recorded episodes were lost; the first 2" in text
+    assert ">2 of 3 lost episodes<" in text
     assert text.count("collision with a wall") == 2
+    assert ">1 lost episode<" in save_failures([lost, won], tmp_path / "lost.svg").read_text()
     with pytest.raises(ValueError, match="none of 1 failed"):
         save_failures([won], tmp_path / "lost.svg")
     with pytest.raises(ValueError, match="limit=0"):
         save_failures([lost], tmp_path / "lost.svg", limit=0)
+
+
+def write_recorded(folder, policy, outcomes, recording):
+    """An evaluation that kept its lost episodes."""
+    write_evaluation(folder, policy, outcomes)
+    (folder / "recordings").mkdir()
+    for index, outcome in enumerate(outcomes):
+        if outcome != WON:
+            lost = dataclasses.replace(recording, outcome=outcome)
+            lost.save(folder / "recordings" / f"{index:06d}.npz")
+
+
+def test_evaluations_beside_recordings_tell_who_lost_how_many_of_how_many(tmp_path, recording):
+    write_recorded(tmp_path / "a", "paper", [WON] * 7 + [HIT] * 3, recording)
+    write_recorded(tmp_path / "b", "dwa", [WON] * 8 + [LATE] * 2, recording)
+    (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
+    text = file.read_text()
+    assert ">5 of 20 episodes were lost<" in text
+    assert text.count(">paper<") == 3 and text.count(">dwa<") == 2
+    (file,) = pictures.failures([tmp_path / "a"], tmp_path / "lost", [".svg"], limit=2)
+    assert ">3 of 10 episodes were lost; 2 of them shown<" in file.read_text()
+    one = tmp_path / "a" / "recordings" / "000008.npz"
+    (file,) = pictures.failures([one], tmp_path / "lost", [".svg"])
+    assert ">3 of 10 episodes were lost; 1 of them shown<" in file.read_text()
+    (tmp_path / "b" / "summary.json").unlink()  # unfinished: nobody knows
+    (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
+    assert ">5 lost episodes<" in file.read_text() and ">paper<" in file.read_text()
+
+
+def test_a_strip_names_the_episode_and_who_played_it(tmp_path, recording):
+    write_recorded(tmp_path / "a", "paper", [WON, HIT], recording)
+    (file,) = pictures.strip([tmp_path / "a"], tmp_path / "strip", [".svg"])
+    assert ">paper<" in file.read_text()
+    assert ">pictured #1, intersection: collision with a pedestrian<" in file.read_text()
+    (tmp_path / "played" / ".hydra").mkdir(parents=True)
+    recording.save(tmp_path / "played" / "episode.npz")
+    (file,) = pictures.strip([tmp_path / "played"], tmp_path / "strip", [".svg"])
+    assert ">pictured #1, intersection: " in file.read_text()
+    for asked, name in (
+        ({"policy": "outputs/train/mine/policy", "change": {}}, "mine"),
+        ({"policy": "paper", "change": {"transforms": {"tagd": None}}}, "paper, changed"),
+    ):
+        (tmp_path / "played" / ".hydra" / "config.yaml").write_text(yaml.safe_dump(asked))
+        (file,) = pictures.strip([tmp_path / "played"], tmp_path / "strip", [".svg"])
+        assert f">{name}<" in file.read_text()
 
 
 def test_mp4_has_a_frame_a_step(tmp_path, recording, monkeypatch):

@@ -12,6 +12,9 @@ from browser import Chromium, find_chromium
 from evaluated import HIT, LATE, WON, write_evaluation
 
 from navrl.cli.report import main
+from navrl.evaluation.comparison import compare
+from navrl.evaluation.statistics import wilson_interval
+from navrl.evaluation.stored import find_evaluations
 from navrl.viz.report import write_report
 from navrl.viz.report.sources import find_sources
 
@@ -114,6 +117,64 @@ def test_policies_take_turns_and_give_their_episodes_their_names(tmp_path, lost)
         *("dwa/000000", "paper/000000", "dwa/000001"),
         *("paper/000001", "dwa/000002", "dwa/000003"),
     ]
+
+
+def write_sweep(folder, policy, wins):
+    """Suites of one world each, as the frozen sweeps have them: of 10 episodes so many are won."""
+    for (world, speed), won in wins.items():
+        suite = f"speed_{world}_{speed}"
+        outcomes = [WON] * won + [HIT] * (10 - won)
+        part = {"episodes": 10, "success_rate": won / 10}
+        place = folder / suite / policy
+        write_evaluation(place, policy, outcomes, suite=suite, by_scenario={world: part})
+
+
+def test_success_over_speed_is_shown_for_each_world_and_for_all(tmp_path):
+    from navrl.viz.report.charts import rates_chart
+
+    wins = {("corridor", 0.2): 9, ("corridor", 1.0): 7, ("office", 0.2): 5, ("office", 1.0): 2}
+    write_sweep(tmp_path, "paper", wins)
+    write_sweep(tmp_path, "dwa", {("corridor", 0.2): 4, ("corridor", 1.0): 3, ("office", 1.0): 1})
+    figure = rates_chart(find_evaluations([tmp_path]))
+    titles = {note.x: note.text for note in figure.layout.annotations}
+    assert [titles[x] for x in sorted(titles)] == ["corridor", "office", "all worlds"]
+    drawn = [(t.name, t.xaxis, list(zip(t.x, t.y, strict=True))) for t in figure.data]
+    assert drawn == [
+        ("paper", "x", [(0.2, 0.9), (1.0, 0.7)]),
+        ("dwa", "x", [(0.2, 0.4), (1.0, 0.3)]),
+        ("paper", "x2", [(0.2, 0.5), (1.0, 0.2)]),
+        ("dwa", "x2", [(1.0, 0.1)]),
+        ("paper", "x3", [(0.2, 0.7), (1.0, 0.45)]),
+        ("dwa", "x3", [(1.0, 0.2)]),
+    ]
+    assert [t.name for t in figure.data if t.showlegend] == ["paper", "dwa"]
+    assert figure.data[4].error_y.array[0] == pytest.approx(wilson_interval(14, 20)[1] - 0.7)
+    assert figure.layout.xaxis3.title.text.startswith("pedestrian speed in m/s")
+
+
+def test_fourteen_names_look_different(tmp_path):
+    from navrl.viz.report import charts
+
+    for i in range(14):
+        folder = tmp_path / f"policy_{i}"
+        part = {"episodes": 10, "success_rate": 0.5, "success_interval": [0.2, 0.8]}
+        worlds = {"corridor": part, "office": part}
+        for speed in (0.2, 1.0):
+            suite = f"speed_{speed}"
+            outcomes = [WON] * 5 + [HIT] * 5
+            write_evaluation(folder / suite, folder.name, outcomes, suite=suite, by_scenario=worlds)
+        (folder / "metrics.csv").write_text("frames,evaluation/success_rate\n100,0.5\n")
+    evaluations = find_evaluations([tmp_path])
+    lines = [
+        charts.rates_chart(evaluations).data[:14],
+        charts.curves_chart([e.folder.parent / "metrics.csv" for e in evaluations[::2]]).data,
+    ]
+    for traces in lines:
+        assert len({(t.line.color, t.line.dash) for t in traces}) == 14
+        assert len({(t.line.color, t.marker.symbol) for t in traces}) == 14
+    table, *_ = compare(evaluations)
+    bars = charts.world_chart(table, evaluations).data
+    assert len({(t.marker.color, t.marker.pattern.shape) for t in bars}) == 14
 
 
 def test_mistakes_are_one_line(tmp_path, capsys):

@@ -14,8 +14,15 @@ from plotly.subplots import make_subplots
 from navrl.evaluation.comparison import ComparisonTable
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.curves import TrainingLog
-from navrl.viz.rates import number_row, rate_points, speed_row
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILLION
+from navrl.viz.rates import (
+    RatePoint,
+    rate_points,
+    rate_rows,
+    rated_policies,
+    rated_settings,
+    rated_worlds,
+)
+from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILLION, line_look
 
 _OUTCOMES = {
     "success": ("success", GREEN),
@@ -25,6 +32,9 @@ _OUTCOMES = {
     "error": ("error", BLACK),
 }
 _ROW_PX = 30
+_DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}  # matplotlib's, as plotly's
+_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x", "star")
+_PATTERNS = ("", "/", "x", ".")
 
 
 def success_chart(table: ComparisonTable) -> go.Figure:
@@ -104,14 +114,8 @@ def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go
             x=list(worlds),
             y=rates,
             name=row.policy,
-            marker_color=CYCLE[i % len(CYCLE)],
-            error_y={
-                "type": "data",
-                "symmetric": False,
-                "array": high - rates,
-                "arrayminus": rates - low,
-                "thickness": 1,
-            },
+            marker=_bar_look(i),
+            error_y=_error_bars(rates, low, high),
             customdata=[part["episodes"] for part in worlds.values()],
             hovertemplate=f"{row.policy}, %{{x}}: %{{y:.1%}} of %{{customdata}}<extra></extra>",
         )
@@ -159,18 +163,18 @@ def episode_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> 
 def curves_chart(logs: Sequence[Path]) -> go.Figure:
     """Success in the trainings' own evaluations over environment steps."""
     figure = go.Figure()
-    colors: dict[str, str] = {}
+    looks: dict[str, dict] = {}
     for file in logs:
         name = file.resolve().parent.name
         label = re.sub(r"_seed_\d+", "", name)
-        color = colors.setdefault(label, CYCLE[len(colors) % len(CYCLE)])
+        look = looks.setdefault(label, _look(len(looks)))
         frames, rates = TrainingLog(file).column("evaluation/success_rate")
         figure.add_scatter(
             x=frames,
             y=rates,
             mode="lines+markers",
             name=name,
-            line={"color": color},
+            **look,
             hovertemplate=f"{name}: %{{y:.1%}} after %{{x:,}} steps<extra></extra>",
         )
     figure.update_xaxes(title="environment steps", rangemode="tozero")
@@ -179,44 +183,72 @@ def curves_chart(logs: Sequence[Path]) -> go.Figure:
 
 
 def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
-    """Success over speed and number of pedestrians, all worlds; ``None`` without a sweep."""
-    points = [p for e in evaluations for p in rate_points(e)]
-    points = [p for p in points if p.world == "all worlds"]
-    rows = [row for row in (speed_row(points), number_row(points)) if row is not None]
+    """Success over speed and number of pedestrians in each world; ``None`` without a sweep."""
+    rows = rate_rows([p for e in evaluations for p in rate_points(e)])
     if not rows or len({str(e.summary["simulator"]) for e in evaluations}) > 1:
         return None
-    figure = make_subplots(1, len(rows), shared_yaxes=True)
-    policies = sorted({p.policy for p in points})
-    for column, (label, at) in enumerate(rows, start=1):
-        for i, policy in enumerate(policies):
-            found = [(x, p) for x, members in at.items() for p in members if p.policy == policy]
-            rates = np.array([p.rate for _, p in found])
-            figure.add_scatter(
-                x=[x for x, _ in found],
-                y=rates,
-                error_y={
-                    "type": "data",
-                    "symmetric": False,
-                    "array": [p.interval[1] - p.rate for _, p in found],
-                    "arrayminus": [p.rate - p.interval[0] for _, p in found],
-                    "thickness": 1,
-                },
-                name=policy,
-                legendgroup=policy,
-                showlegend=column == 1,
-                mode="lines+markers",
-                line={"color": CYCLE[i % len(CYCLE)]},
-                hovertemplate=f"{policy}: %{{y:.1%}} at %{{x}}<extra></extra>",
-                row=1,
-                col=column,
-            )
-        figure.update_xaxes(title=label, row=1, col=column)
+    policies, worlds = rated_policies(rows), rated_worlds(rows)
+    figure = make_subplots(
+        *(len(rows), len(worlds)),
+        shared_yaxes=True,
+        subplot_titles=worlds * len(rows),
+        horizontal_spacing=0.02,
+        vertical_spacing=0.25,
+    )
+    named: set[str] = set()  # in the legend, which is one for all panels
+    for i, (label, lines) in enumerate(rows.items()):
+        for j, world in enumerate(worlds):
+            at = {"row": i + 1, "col": j + 1}
+            for k, policy in enumerate(policies):
+                if (policy, world) in lines:
+                    trace = _rate_line(lines[policy, world], f"{policy}, {world}", _look(k))
+                    trace.update(name=policy, legendgroup=policy, showlegend=policy not in named)
+                    figure.add_trace(trace, **at)
+                    named.add(policy)
+            title = {"text": label, "font": {"size": 11}}
+            figure.update_xaxes(title=title, tickvals=rated_settings(lines), **at)
+        figure.update_yaxes(title="success rate", row=i + 1, col=1)
     figure.update_yaxes(tickformat=".0%", range=[-0.02, 1.02])
-    figure.update_yaxes(title="success rate", row=1, col=1)
-    return _finished(figure, 400, legend=True)
+    _finished(figure, 130 + 330 * len(rows), legend=True)
+    below = {"y": 0.0, "yref": "container", "yanchor": "bottom"}  # the worlds' names are above
+    return figure.update_layout(legend=below, margin_t=60)  # and below the buttons
 
 
 # --- parts ---------------------------------------------------------------------------------------
+
+
+def _look(i: int) -> dict:
+    """Return line and marker of the i-th name: those of one colour differ in dash and symbol."""
+    look = line_look(i)
+    return {
+        "line": {"color": look["color"], "dash": _DASHES[look["linestyle"]]},
+        "marker": {"symbol": _SYMBOLS[i % len(_SYMBOLS)], "size": 7},
+    }
+
+
+def _bar_look(i: int) -> dict:
+    """Return the filling of the i-th name's bars: those of one colour differ in pattern."""
+    pattern = _PATTERNS[i // len(CYCLE) % len(_PATTERNS)]
+    return {"color": CYCLE[i % len(CYCLE)], "pattern": {"shape": pattern}}
+
+
+def _error_bars(rates: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict:
+    sides = {"array": high - rates, "arrayminus": rates - low}
+    return {"type": "data", "symmetric": False, "thickness": 1, **sides}
+
+
+def _rate_line(line: Sequence[tuple[float, RatePoint]], name: str, look: dict) -> go.Scatter:
+    rates = np.array([point.rate for _, point in line])
+    low, high = np.array([point.interval for _, point in line]).T
+    return go.Scatter(
+        x=[x for x, _ in line],
+        y=rates,
+        error_y=_error_bars(rates, low, high),
+        mode="lines+markers",
+        customdata=[point.episodes for _, point in line],
+        hovertemplate=f"{name}: %{{y:.1%}} of %{{customdata}} at %{{x}}<extra></extra>",
+        **look,
+    )
 
 
 def _members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[Evaluation]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 
 from navrl.evaluation.recording import Recording
-from navrl.viz.animation import OUTCOME_WORDS
+from navrl.viz.animation import OUTCOME_WORDS, episode_name
 from navrl.viz.scene import attention_scale, closest_step, scene_limits
 
 _MILLIMETRES = 3  # decimals of lengths
@@ -22,11 +21,9 @@ def episode_data(name: str, recording: Recording) -> dict[str, Any]:
         name: For the list of episodes.
         recording: The episode.
     """
-    scenario = json.loads(recording.scenario)
     limits = scene_limits(recording)
-    kind = f"{scenario['suite']} #{scenario['index']}, {scenario['kind']}"
     return {
-        "name": f"{name}: {kind}, {_ending(recording)}",
+        "name": f"{name}: {episode_name(recording)}, {_ending(recording)}",
         "story": _story(recording),
         "outcome": recording.outcome,
         "time_step_s": recording.time_step_s,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from navrl.evaluation.recording import Recording
 from navrl.evaluation.stored import Evaluation, find_evaluations
+from navrl.viz.origins import episode_folder
 
 
 @dataclass(frozen=True)
@@ -75,21 +76,13 @@ def _in_turn(recordings: dict[Path, Recording]) -> list[tuple[str, Recording]]:
     order = {}
     for file, recording in recordings.items():
         won = recording.outcome == "success"
-        seen[won, _folder(file)] += 1
-        order[file] = (won, seen[won, _folder(file)])
+        seen[won, episode_folder(file)] += 1
+        order[file] = (won, seen[won, episode_folder(file)])
     return [(_name(file), recordings[file]) for file in sorted(recordings, key=order.__getitem__)]
-
-
-def _folder(file: Path) -> Path:
-    """Return what an episode belongs to: an evaluation keeps its own in ``recordings``."""
-    folder = file.resolve().parent
-    if folder.name == "recordings" or file.stem == "episode":
-        return folder.parent
-    return folder
 
 
 def _name(file: Path) -> str:
     """Name an episode by its folder, and by its file unless that is called as always."""
     if file.stem == "episode":
         return file.resolve().parent.name
-    return f"{_folder(file).name}/{file.stem}"
+    return f"{episode_folder(file).name}/{file.stem}"
