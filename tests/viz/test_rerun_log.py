@@ -4,6 +4,7 @@ import dataclasses
 import sys
 
 import numpy as np
+import pages
 import pytest
 from matplotlib.colors import to_rgba
 
@@ -204,3 +205,14 @@ def test_what_cannot_be_written_says_why(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ImportError, match=r"needs rerun: pip install 'navrl\[rerun\]'"):
         save_rrd(recording, tmp_path / "episode.rrd")
+
+
+def test_the_command_says_it_in_a_line(recording, tmp_path, monkeypatch, capsys):
+    recording.save(tmp_path / "episode.npz")
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    words = f"source={tmp_path / 'episode.npz'}", f"hydra.run.dir={tmp_path / 'run'}"
+    with pytest.raises(SystemExit) as exit_:
+        pages.run("navrl-plot picture=rerun", *words)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert exit_.value.code == 2
+    assert line == "navrl: a .rrd file needs rerun: pip install 'navrl[rerun]'"
