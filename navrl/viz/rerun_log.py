@@ -112,7 +112,8 @@ class _Log:
         rr, recording = self._rr, self._recording
         self._still("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         walls = _upright(recording.walls, WALL_HEIGHT)
-        self._still("world/walls", rr.Boxes3D(**walls, colors=_rgba(_WALL_GREY), fill_mode="solid"))
+        look = {"colors": _rgba(_WALL_GREY), "fill_mode": "TransparentFillMajorWireframe"}
+        self._still("world/walls", rr.Boxes3D(**walls, **look))  # what is behind them shows
         path = _lifted(recording.path, _FLOOR_M)
         self._still("world/path", rr.LineStrips3D([path], radii=_LINE_M, colors=_rgba(GREY)))
         goal = rr.Cylinders3D(
