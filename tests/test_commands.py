@@ -38,7 +38,7 @@ ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "colle
 # What may be missing here, hardware or an optional dependency, which must be told in a line.
 NEEDS = {
     **{"device=cuda": "cuda", "hardware=gpu": "cuda", "rows=[gpu]": "cuda"},
-    **{"gui=true": "display", "mp4": "ffmpeg"},
+    **{"gui=true": "display", "mp4": "ffmpeg", "picture=rerun": "rerun"},
     **{"navrl-report": "plotly", "launcher=cores": "joblib"},
 }
 # Run by CI itself, or no command of ours: exactly these.

@@ -20,7 +20,12 @@ def main(cfg: DictConfig) -> None:
     hydra = HydraConfig.get()
     folder = Path(hydra.runtime.output_dir)
     out = folder / hydra.runtime.choices.picture if cfg.out is None else Path(cfg.out)
-    for file in instantiate(cfg.picture)(sources, out):
+    draw = instantiate(cfg.picture)
+    try:
+        files = draw(sources, out)
+    except ImportError as error:  # an extra that the message names: no traceback
+        raise ValueError(str(error)) from error
+    for file in files:
         log.info("%s", file)
 
 

@@ -4,6 +4,7 @@ from navrl.viz.animation import save_gif, save_png, save_strip
 from navrl.viz.curves import plot_curves
 from navrl.viz.failures import save_failures
 from navrl.viz.rates import plot_rates
+from navrl.viz.rerun_log import save_rrd
 from navrl.viz.scene import draw_scene
 from navrl.viz.speeds import plot_benchmark
 from navrl.viz.tagd import save_tagd
@@ -18,6 +19,7 @@ __all__ = [
     "save_gif",
     "save_mp4",
     "save_png",
+    "save_rrd",
     "save_strip",
     "save_tagd",
 ]

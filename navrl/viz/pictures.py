@@ -5,6 +5,7 @@ All take folders or files as ``sources`` and look through what is below a folder
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from navrl.viz.curves import plot_curves
 from navrl.viz.failures import save_failures
 from navrl.viz.origins import lost_and_played, policy_of
 from navrl.viz.rates import plot_rates
+from navrl.viz.rerun_log import save_rrd
 from navrl.viz.tagd import save_tagd
 from navrl.viz.video import save_mp4
 
@@ -114,6 +116,20 @@ def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) ->
 def mp4(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
     """An episode as MP4; needs the program ffmpeg."""
     return [save_mp4(find_recordings(sources)[0], out.with_suffix(".mp4"), frames_per_s)]
+
+
+def rerun(sources: Sequence[str], out: Path) -> list[Path]:
+    """Each episode in 3D for the viewer of rerun: ``out.rrd``, or one below ``out`` for several."""
+    files = find_files(sources, "*.npz")
+    if len(files) == 1:
+        return [_rrd(files[0], out.with_name(out.name + ".rrd"))]
+    top = os.path.commonpath([file.resolve().parent for file in files])
+    below = [file.resolve().relative_to(top).with_suffix(".rrd") for file in files]
+    return [_rrd(file, out / place) for file, place in zip(files, below, strict=True)]
+
+
+def _rrd(file: Path, out: Path) -> Path:
+    return save_rrd(Recording.load(file), out, f"{file.resolve().parent.name}/{file.stem}")
 
 
 def _each_format(draw: Callable[[Path], Path], out: Path, formats: Sequence[str]) -> list[Path]:
