@@ -49,7 +49,13 @@ def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
 
 
 def summarize(
-    records: Sequence[EpisodeRecord], *, policy: str, suite: str, suite_hash: str, simulator: str
+    records: Sequence[EpisodeRecord],
+    *,
+    policy: str,
+    suite: str,
+    suite_hash: str,
+    simulator: str,
+    suite_version: int | None = None,
 ) -> dict:
     """Count outcomes and average the times of successes.
 
@@ -59,24 +65,23 @@ def summarize(
         suite: Name.
         suite_hash: Of its scenarios.
         simulator: Name.
+        suite_version: Of the frozen episodes that these are; ``None`` of any others.
 
     Returns:
-        Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval;
-        how many succeeded and their mean navigation time in s (``None`` without any); how many were
-        run into, which are among the collisions with pedestrians; how many raised an error. Of a
-        policy that plans ahead also how many it solved: those that nobody could win are among the
-        others. Under ``metrics`` every metric over all episodes and over the successes.
+        Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; how
+        many succeeded and their mean time in s (``None`` without any), were run into (among the
+        collisions with pedestrians), raised an error and, of one that plans, were solved. Under
+        ``metrics`` every metric over all episodes and over the successes.
 
     Raises:
         ValueError: If there is no record.
     """
-    if not records:
-        raise ValueError("records: need at least one episode, got none")
     kinds = sorted({record.scenario for record in records})
     return {
         "policy": policy,
         "suite": suite,
         "suite_hash": suite_hash,
+        "suite_version": suite_version,
         "simulator": simulator,
         **_rates(records),
         "metrics": summarize_metrics(records),
@@ -131,6 +136,8 @@ def _metrics(record: EpisodeRecord) -> Mapping[str, float | None]:
 
 def _rates(records: Sequence[EpisodeRecord]) -> dict:
     total = len(records)
+    if not total:
+        raise ValueError("records: need at least one episode, got none")
     count = {name: sum(r.outcome == name for r in records) for name in (*OUTCOMES, ERROR)}
     count["collision"] = count["collision_pedestrian"] + count["collision_static"]
     result: dict = {"episodes": total}

@@ -182,6 +182,15 @@ def test_recordings_measure_what_the_evaluation_did(tmp_path, policy, contact, s
     assert "1" in {row[contact] for row in rows}
 
 
+def test_the_summary_says_which_frozen_episodes_were_played(tmp_path):
+    """And that it was none of them, of a suite that only has the name of one."""
+    changed = ["suite.version=null", "suite.distribution.speed=[1,1]"]
+    for name, words, version in (("frozen", [], 1), ("changed", changed, None)):
+        play(tmp_path / name, *words, policy="stand_still")
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        assert (summary["suite"], summary["suite_version"]) == ("table1", version)
+
+
 def test_failures_alone_are_kept(tmp_path):
     play(tmp_path, "recordings=failures", "environment.time_limit_steps=150", policy="paper")
     rows = csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines())
