@@ -55,18 +55,18 @@ def test_without_anybody_who_is_no_ceiling_nothing_is_compared(tmp_path):
 def test_an_approach_of_several_seeds_is_a_reference_seed_by_seed(tmp_path):
     seeds = {"a_seed_0": [WON, WON, HIT, HIT], "a_seed_1": [WON] * 4}
     others = {"b_seed_0": [WON, HIT, HIT, HIT], "b_seed_1": [WON, WON, HIT, HIT]}
-    others["dwa"] = [WON, WON, WON, LATE]
+    others["dwa"] = [WON, WON, LATE, HIT]
     (table,) = tables_of(tmp_path, **seeds, **others)
-    assert table.reference == "a"  # 0.75 over its seeds, as dwa, and first by name
+    assert table.reference == "a"  # 0.75 over its seeds
     found = {name: row.difference for name, row in rows_of(table).items()}
     assert found == {
         "a_seed_0": None,
         "a_seed_1": None,
         "b_seed_0": -0.25,
         "b_seed_1": -0.5,
-        "dwa": 0.25,  # names no seed: as seed 0
+        "dwa": 0.0,  # names no seed: as seed 0
     }
-    assert (table.lead.best, table.lead.second) == ("a_seed_1", "dwa")
+    assert (table.lead.best, table.lead.second) == ("a_seed_1", "b_seed_1")  # not its own seed 0
 
 
 def test_a_reference_that_nobody_played_is_an_error(tmp_path):
@@ -138,8 +138,8 @@ def test_collisions_are_told_apart(tmp_path):
     outcomes = [WON, HIT, HIT, "error"]
     write_evaluation(tmp_path / "a", "mine", outcomes, columns=flags)
     write_evaluation(tmp_path / "b", "older", [WON, WON, HIT, HIT])
-    flags = {**flags, "run_into": ["0"] * 4, "collision_wall": ["1", "0", "0", "0"]}
-    write_evaluation(tmp_path / "c", "dwa", ["collision_static", WON, WON, WON], columns=flags)
+    flags = {**flags, "run_into": ["0"] * 4, "collision_wall": ["0", "0", "0", "1"]}
+    write_evaluation(tmp_path / "c", "dwa", [WON, WON, WON, "collision_static"], columns=flags)
     (table,) = compare(find_evaluations([tmp_path]))
     rows = rows_of(table)
     assert [rows["mine"].rates[name] for name in KINDS] == [0.0, 0.0, 0.0, 0.5]
