@@ -139,6 +139,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         policy=_policy_name(cfg),
         suite=suite.name,
         suite_hash=suite.hash(scenarios),
+        suite_version=suite.version,
         simulator=cfg.simulator["_target_"].rpartition(".")[2],
     )
     if cfg.change:

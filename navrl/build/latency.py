@@ -19,9 +19,9 @@ from navrl.config import instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import evaluate
 from navrl.evaluation.metrics import controller_latency
+from navrl.evaluation.stored import LATENCY
 from navrl.worlds import ScenarioBatch
 
-FILE = "latency.json"
 _SENSED = (keys.RANGES, keys.POSE, keys.PATH)
 
 
@@ -46,7 +46,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     count = cfg.get("latency", 0)
     if count < 0:
         raise ValueError(f"latency={count}: episodes to be timed, must be >= 0")
-    file = folder / FILE
+    file = folder / LATENCY
     if count == 0 or file.is_file():
         return json.loads(file.read_text()) if count else None
     scenarios = instantiate(cfg.suite).scenarios(range(min(count, cfg.suite.num_episodes)))

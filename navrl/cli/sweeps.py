@@ -56,10 +56,11 @@ class CompareEvaluations(Callback):
     """Write one table of all evaluations in the sweep's folder, and print it.
 
     Args:
-        reference: The policy that the others are compared with.
+        reference: The policy that the others are compared with; ``None`` is ``paper`` or, without
+            it, the best that does not read the true state.
     """
 
-    def __init__(self, reference: str = "paper") -> None:
+    def __init__(self, reference: str | None = None) -> None:
         self.reference = reference
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:

@@ -9,8 +9,10 @@ from navrl.evaluation.comparison import (
 from navrl.evaluation.metrics import METRICS, Trajectory, measure
 from navrl.evaluation.results import OUTCOMES, rates, summarize, write_results
 from navrl.evaluation.rollout import ERROR, EpisodeRecord, Preparing, evaluate
+from navrl.evaluation.spreadsheets import comma_separated
 from navrl.evaluation.statistics import (
     bootstrap_mean,
+    holm,
     interquartile_mean,
     mcnemar_p_value,
     paired_difference,
@@ -19,7 +21,6 @@ from navrl.evaluation.statistics import (
 )
 from navrl.evaluation.stored import Evaluation, find_evaluations
 from navrl.evaluation.tables import (
-    comma_separated,
     markdown,
     metrics_markdown,
     write_comparison,
@@ -41,6 +42,7 @@ __all__ = [
     "compare_folders",
     "evaluate",
     "find_evaluations",
+    "holm",
     "interquartile_mean",
     "markdown",
     "mcnemar_p_value",

@@ -50,6 +50,7 @@ class EpisodeArchive:
         self._observed: list[dict[str, np.ndarray]] = []
         self._decided: list[dict[str, np.ndarray]] = []
         self._terms: list[dict[str, np.ndarray]] = []
+        self._contact: list[np.ndarray] = []
 
     def __call__(self, stepped: TensorDictBase) -> None:
         """Add a batch of transitions."""
@@ -64,6 +65,7 @@ class EpisodeArchive:
         self._decided.append(decided)
         terms = after[keys.REWARD_TERMS]
         self._terms.append(_copies(terms, terms.keys()))
+        self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
 
     def end(self, chunk: range, records: list[EpisodeRecord]) -> None:
         """Write the episodes that are wanted."""
@@ -85,6 +87,7 @@ class EpisodeArchive:
             record.outcome,
             base,
             reward_terms=terms,
+            contact=self._contact[steps - 1][row].item(),  # later rows may tell of other things
             **_series(self._observed[: steps + 1], row),
             **_series(self._decided[:steps], row),
         )

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
 
 from navrl.evaluation.pairing import (
+    COLLISIONS,
     MetricComparison,
     compare_metrics,
     finished_by_all,
     success_difference,
 )
+from navrl.evaluation.reference import cheats, check_reference, default_reference, reference_of
 from navrl.evaluation.seeds import SeedSummary, over_seeds, split_seed
-from navrl.evaluation.statistics import Estimate, bootstrap_mean, wilson_interval
+from navrl.evaluation.statistics import Estimate, bootstrap_mean, holm, wilson_interval
 from navrl.evaluation.stored import Evaluation, check_same_episodes, find_evaluations
-
-CHEATING = ("orca", "oracle")
-"""Controllers that read the true state, which no lidar gives."""
 
 _RATES = ("success", "collision", "timeout")
 
@@ -32,7 +31,8 @@ class ComparisonRow:
         policy: Name, with what was changed about it.
         episodes: Number played.
         errors: Episodes that raised; they count as no success.
-        rates: ``success``, ``collision`` and ``timeout``, in [0, 1].
+        rates: ``success``, ``collision`` and ``timeout``, in [0, 1]; and the kinds of collisions,
+            :data:`navrl.evaluation.pairing.COLLISIONS`, unless the evaluation is older than they.
         intervals: 95 % Wilson interval of each rate.
         time_s: Mean s of the successes; ``None`` without any.
         common_time: s to the goal, mean over the episodes that all policies of the table win.
@@ -40,8 +40,10 @@ class ComparisonRow:
             reference itself and where there is none.
         difference_interval: 95 % paired bootstrap interval of it; ``None`` likewise.
         p_value: Of that difference, exact McNemar test; ``None`` likewise.
+        p_holm: The same, corrected by Holm for the number of such tests in the table.
         metrics: Every other metric, with intervals and paired differences.
-        published: The paper's own figures: rates in [0, 1] and ``time`` in s; empty without any.
+        published: The paper's own figures: rates in [0, 1] and ``time`` in s; empty without any,
+            and of episodes that are not the frozen ones.
         cheats: Whether the true state is read.
         folder: Where the row comes from.
     """
@@ -56,10 +58,30 @@ class ComparisonRow:
     difference: float | None
     difference_interval: tuple[float, float] | None
     p_value: float | None
+    p_holm: float | None
     metrics: Sequence[MetricComparison]
     published: Mapping[str, float]
     cheats: bool
     folder: str
+
+
+@dataclass(frozen=True)
+class Lead:
+    """How far the best policy is ahead of the next, neither of which reads the true state.
+
+    Args:
+        best: Its label.
+        second: Label of the best of another approach: seeds of one are no rivals.
+        difference: Success rate of the former less that of the latter, on the same episodes.
+        difference_interval: 95 % paired bootstrap interval of it.
+        p_value: Of that difference, exact McNemar test.
+    """
+
+    best: str
+    second: str
+    difference: float
+    difference_interval: tuple[float, float]
+    p_value: float
 
 
 @dataclass(frozen=True)
@@ -70,41 +92,59 @@ class ComparisonTable:
         suite: Name.
         suite_hash: Of its episodes.
         simulator: Name.
+        is_frozen: Whether the episodes are those that are frozen under the suite's name.
         reference: What others are compared with; ``None`` if it is not among them.
         rows: One a policy.
         finished_by_all: Number of episodes that all of them win.
         seeds: Approaches that were trained with several seeds.
+        lead: Of the best over the next; ``None`` without two to compare.
     """
 
     suite: str
     suite_hash: str
     simulator: str
+    is_frozen: bool
     reference: str | None
     rows: Sequence[ComparisonRow]
     finished_by_all: int
     seeds: Sequence[SeedSummary]
+    lead: Lead | None
+
+    @property
+    def title(self) -> str:
+        """The suite and what is to be known of it."""
+        return self.suite if self.is_frozen else f"{self.suite} (not frozen)"
 
 
-def compare(evaluations: Sequence[Evaluation], reference: str = "paper") -> list[ComparisonTable]:
+def compare(
+    evaluations: Sequence[Evaluation], reference: str | None = None
+) -> list[ComparisonTable]:
     """Put evaluations into tables of the same episodes and the same simulator.
 
     Args:
         evaluations: At least one.
-        reference: The policy that the others are compared with. A run ``NAME_seed_K`` is compared
-            with ``<reference>_seed_K`` where there is one.
+        reference: The policy that the others are compared with, in tables that have it; ``None`` is
+            what :func:`navrl.evaluation.reference.default_reference` says of each table. A run
+            ``NAME_seed_K`` is compared with ``<reference>_seed_K`` where there is one.
 
     Returns:
         A table for each suite, hash of episodes and simulator, in the order they first appear.
 
     Raises:
-        ValueError: If there is no evaluation.
+        ValueError: If there is no evaluation, or no table has the reference.
     """
     if not evaluations:
         raise ValueError("evaluations: need at least one, got none")
     groups: dict[tuple[str, str, str], list[Evaluation]] = {}
     for evaluation in evaluations:
         groups.setdefault(evaluation.setting, []).append(evaluation)
-    return [_table(setting, _labelled(members), reference) for setting, members in groups.items()]
+    tables = {setting: _labelled(members) for setting, members in groups.items()}
+    if reference is not None:
+        check_reference(reference, [label for by_label in tables.values() for label in by_label])
+    return [
+        _table(setting, by_label, reference or default_reference(by_label))
+        for setting, by_label in tables.items()
+    ]
 
 
 def compare_folders(folders: Sequence[str | Path], reference: str | None = None) -> ComparisonTable:
@@ -123,8 +163,7 @@ def compare_folders(folders: Sequence[str | Path], reference: str | None = None)
     by_label = _labelled(evaluations, with_simulator=len(simulators) > 1)
     if reference is None:
         reference = next(iter(by_label))
-    elif reference not in {split_seed(label)[0] for label in by_label} | by_label.keys():
-        raise ValueError(f"reference={reference}: need one of {sorted(by_label)}")
+    check_reference(reference, by_label)
     suite, suite_hash, _ = evaluations[0].setting
     return _table((suite, suite_hash, " and ".join(simulators)), by_label, reference)
 
@@ -142,24 +181,31 @@ def published_figures() -> dict[str, dict[str, dict[str, float]]]:
 
 
 def _table(
-    setting: tuple[str, str, str], by_label: Mapping[str, Evaluation], reference: str
+    setting: tuple[str, str, str], by_label: Mapping[str, Evaluation], reference: str | None
 ) -> ComparisonTable:
-    published = published_figures().get(setting[0], {})
+    # The same hash as that of one that was checked: the same episodes.
+    is_frozen = any(evaluation.is_frozen for evaluation in by_label.values())
+    published = published_figures().get(setting[0], {}) if is_frozen else {}
     finished = finished_by_all(list(by_label.values()))
     rows = []
     for label, evaluation in by_label.items():
-        other = by_label.get(_reference_of(label, reference, by_label))
+        other = by_label.get(reference_of(label, reference, by_label))
         if other is evaluation:
             other = None
         rows.append(_row(label, evaluation, other, finished, published))
+    tested = [row for row in rows if row.p_value is not None]
+    corrected = dict(zip(map(id, tested), holm([row.p_value for row in tested]), strict=True))
+    rows = [replace(row, p_holm=corrected.get(id(row))) for row in rows]
     rows.sort(key=lambda row: (-row.rates["success"], row.policy))
     has_reference = any(row.difference is not None for row in rows) or reference in by_label
     return ComparisonTable(
         *setting,
+        is_frozen=is_frozen,
         reference=reference if has_reference else None,
         rows=rows,
         finished_by_all=len(finished),
         seeds=over_seeds(by_label),
+        lead=_lead(rows, by_label),
     )
 
 
@@ -178,21 +224,26 @@ def _row(
     if reference is not None:
         found, p_value = success_difference(evaluation, reference)
         difference, interval = found.value, (found.low, found.high)
+    metrics = compare_metrics(evaluation, reference, finished)
+    intervals = {name: wilson_interval(counts[name], total) for name in _RATES}
+    for name, own in ((m.name, m.own) for m in metrics if m.name in COLLISIONS):
+        rates[name], intervals[name] = own.value, (own.low, own.high)
     times = evaluation.finite("time_s")
     return ComparisonRow(
         policy=label,
         episodes=total,
         errors=int(summary.get("errors", 0)),
         rates=rates,
-        intervals={name: wilson_interval(counts[name], total) for name in _RATES},
+        intervals=intervals,
         time_s=summary.get("navigation_time_s"),
         common_time=bootstrap_mean([times[index] for index in sorted(finished)]),
         difference=difference,
         difference_interval=interval,
         p_value=p_value,
-        metrics=compare_metrics(evaluation, reference, finished),
+        p_holm=None,  # of the whole table
+        metrics=metrics,
         published=published.get(split_seed(label)[0], {}),
-        cheats=summary["policy"] in CHEATING,
+        cheats=cheats(evaluation),
         folder=str(evaluation.folder),
     )
 
@@ -210,11 +261,11 @@ def _labelled(
     return dict(zip(labels, evaluations, strict=True))
 
 
-def _reference_of(label: str, reference: str, known: Iterable[str]) -> str:
-    """Return the label of what a run is compared with: the reference of its own seed, if any."""
-    seed = split_seed(label)[1]
-    if seed is not None:
-        for other in known:
-            if split_seed(other) == (reference, seed):
-                return other
-    return reference
+def _lead(rows: Sequence[ComparisonRow], by_label: Mapping[str, Evaluation]) -> Lead | None:
+    """Compare the first of sorted rows that does not cheat with the next of another approach."""
+    fair = [row.policy for row in rows if not row.cheats]
+    others = [name for name in fair if split_seed(name)[0] != split_seed(fair[0])[0]]
+    if not others:
+        return None
+    found, p_value = success_difference(by_label[fair[0]], by_label[others[0]])
+    return Lead(fair[0], others[0], found.value, (found.low, found.high), p_value)

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from navrl.evaluation.metrics import METRICS
+from navrl.evaluation.metrics import METRICS, OF_ERROR
+from navrl.evaluation.rollout import ERROR
 from navrl.evaluation.statistics import (
     Estimate,
     PairedDifference,
     bootstrap_mean,
     mcnemar_p_value,
     paired_difference,
+    wilson_interval,
 )
 from navrl.evaluation.stored import Evaluation, check_same_episodes
 
+COLLISIONS = ("collision_wall", "collision_furniture", "moved_into_pedestrian", "run_into")
+"""What was touched, and who moved into whom: rates that sum to that of collisions."""
+
 COMPARED = (
+    *COLLISIONS,
     "time_to_goal_s",
     "path_length_m",
     "spl",
@@ -32,10 +39,11 @@ COMPARED = (
     "beyond_1.2m_share",
     "min_time_to_collision_s",
 )
-"""Metrics in comparisons; outcomes are compared as rates."""
+"""Metrics in comparisons; success, collision and timeout are compared apart."""
 
 _OF_FINISHED = ("time_to_goal_s", "path_length_m", "stalled_time_s", "time_without_progress_s")
 _OF_FINISHED = (*_OF_FINISHED, "heading_change_rad")  # grow with the episode, so need a goal
+_LATENCIES = ("median_ms", "p95_ms")
 _UNITS = {metric.name: metric.unit for metric in METRICS}
 
 
@@ -44,11 +52,15 @@ class MetricComparison:
     """One metric of one run.
 
     Args:
-        name: Column of ``episodes.csv``.
+        name: Column of ``episodes.csv``; ``latency_median_ms`` and ``latency_p95_ms`` are those of
+            ``latency.json``, as ``own`` without interval, and ``n`` is of decisions.
         unit: SI.
-        over: ``successes`` of what grows with an episode's length, ``episodes`` of the rest.
-        own: Mean over the run's own successes or episodes, with its bootstrap interval.
+        over: ``successes`` of what grows with an episode's length, ``decisions`` of latencies,
+            ``episodes`` of the rest.
+        own: Mean over the run's own successes or episodes, with its bootstrap interval; of
+            :data:`COLLISIONS` with its Wilson interval.
         common: The same over the episodes that all compared runs finish; of all runs the same ones.
+            Nothing of collisions, which those have none of.
         difference: Mean of the run less the reference over the episodes where both have a value
             (and both succeed, of what is ``over`` successes), by paired bootstrap; ``None`` of the
             reference.
@@ -89,7 +101,7 @@ def compare_metrics(
     if reference is not None:
         check_same_episodes([reference, evaluation])
     found = [_compare(name, evaluation, reference, finished) for name in COMPARED]
-    return [comparison for comparison in found if comparison.own.n]
+    return [comparison for comparison in found if comparison.own.n] + _latencies(evaluation)
 
 
 def success_difference(
@@ -106,11 +118,32 @@ def success_difference(
     return paired_difference(first, second), mcnemar_p_value(first, second)
 
 
+def _rate(flags: Sequence[float]) -> Estimate:
+    """Return the share of ones among zeros and ones, with its Wilson interval."""
+    count, total = round(sum(flags)), len(flags)
+    return Estimate(count / total if total else math.nan, *wilson_interval(count, total), total)
+
+
+def _latencies(evaluation: Evaluation) -> list[MetricComparison]:
+    found = evaluation.latency
+    return [
+        MetricComparison(
+            name=f"latency_{name}",
+            unit="ms",
+            over="decisions",
+            own=Estimate(found[name], math.nan, math.nan, found["calls"]),
+            common=bootstrap_mean([]),
+            difference=None,
+        )
+        for name in (_LATENCIES if found else ())
+    ]
+
+
 def _compare(
     name: str, evaluation: Evaluation, reference: Evaluation | None, finished: set[int]
 ) -> MetricComparison:
     own = _values(name, evaluation)
-    difference = None
+    difference, is_rate = None, name in COLLISIONS
     if reference is not None:
         theirs = _values(name, reference)
         both = sorted(own.keys() & theirs.keys())
@@ -119,14 +152,17 @@ def _compare(
         name=name,
         unit=_UNITS[name],
         over="successes" if name in _OF_FINISHED else "episodes",
-        own=bootstrap_mean(list(own.values())),
-        common=bootstrap_mean([own[i] for i in sorted(finished & own.keys())]),
+        own=_rate(list(own.values())) if is_rate else bootstrap_mean(list(own.values())),
+        common=bootstrap_mean([own[i] for i in sorted(finished & own.keys()) if not is_rate]),
         difference=difference,
     )
 
 
 def _values(name: str, evaluation: Evaluation) -> Mapping[int, float]:
     values = evaluation.finite(name)
+    if name in OF_ERROR and values:  # files from before errors had values have empty cells there
+        raised = [i for i, row in evaluation.episodes.items() if row["outcome"] == ERROR]
+        return values | {index: OF_ERROR[name] for index in raised}
     if name in _OF_FINISHED:
         return {index: value for index, value in values.items() if evaluation.success[index]}
     return values

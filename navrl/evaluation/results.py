@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from navrl.envs import Outcome
-from navrl.evaluation.metrics import METRICS
+from navrl.evaluation.metrics import METRICS, OF_ERROR
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
 
@@ -49,7 +49,13 @@ def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
 
 
 def summarize(
-    records: Sequence[EpisodeRecord], *, policy: str, suite: str, suite_hash: str, simulator: str
+    records: Sequence[EpisodeRecord],
+    *,
+    policy: str,
+    suite: str,
+    suite_hash: str,
+    simulator: str,
+    suite_version: int | None = None,
 ) -> dict:
     """Count outcomes and average the times of successes.
 
@@ -59,24 +65,23 @@ def summarize(
         suite: Name.
         suite_hash: Of its scenarios.
         simulator: Name.
+        suite_version: Of the frozen episodes that these are; ``None`` of any others.
 
     Returns:
-        Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval;
-        how many succeeded and their mean navigation time in s (``None`` without any); how many were
-        run into, which are among the collisions with pedestrians; how many raised an error. Of a
-        policy that plans ahead also how many it solved: those that nobody could win are among the
-        others. Under ``metrics`` every metric over all episodes and over the successes.
+        Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; how
+        many succeeded and their mean time in s (``None`` without any), were run into (among the
+        collisions with pedestrians), raised an error and, of one that plans, were solved. Under
+        ``metrics`` every metric over all episodes and over the successes.
 
     Raises:
         ValueError: If there is no record.
     """
-    if not records:
-        raise ValueError("records: need at least one episode, got none")
     kinds = sorted({record.scenario for record in records})
     return {
         "policy": policy,
         "suite": suite,
         "suite_hash": suite_hash,
+        "suite_version": suite_version,
         "simulator": simulator,
         **_rates(records),
         "metrics": summarize_metrics(records),
@@ -88,7 +93,8 @@ def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
     """Summarise every metric over all episodes played and over the successes alone.
 
     Args:
-        records: Episodes; those that raised an error have no metrics.
+        records: Episodes; one that raised an error is in every rate, ``spl`` and ``stl`` as
+            :data:`navrl.evaluation.metrics.OF_ERROR` says, and in no other metric.
 
     Returns:
         For each metric its ``unit``, which is ``better``, and for ``all`` and ``successes``: ``n``,
@@ -96,15 +102,15 @@ def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
         what is 0 or 1, else bootstrap) and their ``median``; ``None`` of none.
     """
     groups = {
-        "all": [r.metrics for r in records if r.metrics],
-        "successes": [r.metrics for r in records if r.outcome == "success" and r.metrics],
+        "all": [_metrics(r) for r in records],
+        "successes": [_metrics(r) for r in records if r.outcome == "success"],
     }
     return {
         metric.name: {
             "unit": metric.unit,
             "better": metric.better,
             **{
-                group: _summary([values[metric.name] for values in rows], metric.is_rate)
+                group: _summary([values.get(metric.name) for values in rows], metric.is_rate)
                 for group, rows in groups.items()
             },
         }
@@ -119,13 +125,19 @@ def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict)
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
         for record in records:
-            values = {**record.metrics, **vars(record)}
+            values = {**_metrics(record), **vars(record)}
             writer.writerow({name: _cell(values.get(name), name in _FLAGS) for name in COLUMNS})
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
 
 
+def _metrics(record: EpisodeRecord) -> Mapping[str, float | None]:
+    return OF_ERROR if record.outcome == ERROR else record.metrics
+
+
 def _rates(records: Sequence[EpisodeRecord]) -> dict:
     total = len(records)
+    if not total:
+        raise ValueError("records: need at least one episode, got none")
     count = {name: sum(r.outcome == name for r in records) for name in (*OUTCOMES, ERROR)}
     count["collision"] = count["collision_pedestrian"] + count["collision_static"]
     result: dict = {"episodes": total}

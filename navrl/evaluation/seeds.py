@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,31 @@ _SEED = re.compile(r"[_,-]?seed[_=](\d+)")
 
 
 @dataclass(frozen=True)
+class OverSeeds:
+    """One number over training seeds.
+
+    Args:
+        name: ``success_rate``, ``collision_rate`` or ``time_to_goal_s``, of successes.
+        unit: SI; ``1`` of a rate.
+        estimate: Interquartile mean of all seeds in all kinds of worlds, with its stratified
+            bootstrap interval; ``n`` is the number of seeds. Of times, of the worlds in which every
+            seed succeeds at least once; NaN without any.
+        by_seed: Of each seed over all its episodes, in the order of the seeds; NaN without any.
+        worst: Of ``by_seed``.
+        best: Of ``by_seed``.
+    """
+
+    name: str
+    unit: str
+    estimate: Estimate
+    by_seed: tuple[float, ...]
+    worst: float
+    best: float
+
+
+@dataclass(frozen=True)
 class SeedSummary:
-    """Success of an approach over its training seeds.
+    """An approach over its training seeds.
 
     Args:
         approach: Name without the seed.
@@ -25,6 +49,7 @@ class SeedSummary:
             its stratified bootstrap interval; ``n`` is the number of seeds.
         rates: Overall success rate of each seed, in the order of ``seeds``.
         episodes: Of each run.
+        metrics: Success, collisions and time to the goal.
     """
 
     approach: str
@@ -32,6 +57,7 @@ class SeedSummary:
     success: Estimate
     rates: tuple[float, ...]
     episodes: int
+    metrics: tuple[OverSeeds, ...]
 
 
 def split_seed(label: str) -> tuple[str, int | None]:
@@ -68,21 +94,61 @@ def over_seeds(evaluations: Mapping[str, Evaluation]) -> list[SeedSummary]:
     return [_summary(name, seeds) for name, seeds in runs.items() if len(seeds) > 1]
 
 
-def _summary(approach: str, runs: Mapping[int, Evaluation]) -> SeedSummary:
-    seeds = tuple(sorted(runs))
-    scores = np.array([_success_by_world(runs[seed]) for seed in seeds])
+def _summary(approach: str, by_seed: Mapping[int, Evaluation]) -> SeedSummary:
+    seeds = tuple(sorted(by_seed))
+    runs = [by_seed[seed] for seed in seeds]
+    success = _over_seeds("success_rate", "1", runs, _successes)
+    collision = _over_seeds("collision_rate", "1", runs, _collisions, least_is_best=True)
+    time = _over_seeds("time_to_goal_s", "s", runs, _times, least_is_best=True)
     return SeedSummary(
         approach=approach,
         seeds=seeds,
-        success=stratified_bootstrap(scores),
-        rates=tuple(float(np.mean(list(runs[seed].success.values()))) for seed in seeds),
-        episodes=len(runs[seeds[0]].success),
+        success=success.estimate,
+        rates=success.by_seed,
+        episodes=len(runs[0].success),
+        metrics=(success, collision, time),
     )
 
 
-def _success_by_world(evaluation: Evaluation) -> list[float]:
-    worlds = {index: row["scenario"] for index, row in evaluation.episodes.items()}
-    return [
-        float(np.mean([evaluation.success[i] for i, kind in worlds.items() if kind == world]))
-        for world in sorted(set(worlds.values()))
-    ]
+def _successes(run: Evaluation) -> Mapping[int, float]:
+    return {index: float(won) for index, won in run.success.items()}
+
+
+def _collisions(run: Evaluation) -> Mapping[int, float]:
+    rows = run.episodes.items()
+    return {index: float(row["outcome"].startswith("collision")) for index, row in rows}
+
+
+def _times(run: Evaluation) -> Mapping[int, float]:
+    return {index: time for index, time in run.finite("time_s").items() if run.success[index]}
+
+
+def _over_seeds(
+    name: str,
+    unit: str,
+    runs: Sequence[Evaluation],
+    values: Callable[[Evaluation], Mapping[int, float]],
+    least_is_best: bool = False,
+) -> OverSeeds:
+    known = [values(run) for run in runs]
+    by_world = [_by_world(run, found) for run, found in zip(runs, known, strict=True)]
+    scores = np.array([[_mean(world) for world in worlds] for worlds in by_world])
+    scores = scores[:, np.isfinite(scores).all(axis=0)]
+    by_seed = tuple(_mean(list(found.values())) for found in known)
+    ends = [value for value in by_seed if math.isfinite(value)] or [math.nan]
+    worst, best = (max(ends), min(ends)) if least_is_best else (min(ends), max(ends))
+    unknown = Estimate(math.nan, math.nan, math.nan, len(runs))
+    estimate = stratified_bootstrap(scores) if scores.size else unknown
+    return OverSeeds(name, unit, estimate, by_seed, worst, best)
+
+
+def _by_world(run: Evaluation, values: Mapping[int, float]) -> list[list[float]]:
+    """Return the values in each kind of world, of all kinds that were played, in order."""
+    found: dict[str, list[float]] = {row["scenario"]: [] for row in run.episodes.values()}
+    for index, value in values.items():
+        found[run.episodes[index]["scenario"]].append(value)
+    return [found[world] for world in sorted(found)]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if len(values) else math.nan

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+LATENCY = "latency.json"
+"""File beside the results with what the clock says, if decisions were timed."""
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -33,6 +36,20 @@ class Evaluation:
     def setting(self) -> tuple[str, str, str]:
         """Suite, hash of its episodes and simulator: the rows of a table share all three."""
         return tuple(str(self.summary[name]) for name in ("suite", "suite_hash", "simulator"))
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the suite was checked against the frozen one of its name.
+
+        Summaries without the key are older than it and taken for frozen.
+        """
+        return self.summary.get("suite_version", "older") is not None
+
+    @cached_property
+    def latency(self) -> Mapping[str, float]:
+        """What :func:`navrl.evaluation.metrics.controller_latency` said; empty if not timed."""
+        file = self.folder / LATENCY
+        return json.loads(file.read_text()) if file.is_file() else {}
 
     @cached_property
     def episodes(self) -> dict[int, Mapping[str, str]]:

@@ -6,11 +6,14 @@ import json
 from navrl.evaluation import wilson_interval
 
 
-def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, **changes):
+def write_evaluation(
+    folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0, columns=(), **changes
+):
     """Write the two files for episodes with these outcomes; ``changes`` go into the summary.
 
     Episode i takes 10 + i s and ``delay``; ``time_to_goal_s="{time}"`` writes that column too,
-    and as many m of path, also of the episodes that were lost.
+    and as many m of path, also of the episodes that were lost. ``columns`` are more of them, by
+    name, a cell an episode.
     """
     folder.mkdir(parents=True)
     rows = [
@@ -22,6 +25,9 @@ def write_evaluation(folder, policy, outcomes, *, time_to_goal_s=None, delay=0.0
             row["path_length_m"] = row["time_s"]
             won = row["outcome"] == "success"
             row["time_to_goal_s"] = time_to_goal_s.format(time=row["time_s"]) if won else ""
+    for name, cells in dict(columns).items():
+        for row, cell in zip(rows, cells, strict=True):
+            row[name] = cell
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()

@@ -1,6 +1,7 @@
 import csv
 import io
 import json
+import math
 
 import pytest
 from evaluated import HIT, LATE, WON, write_evaluation
@@ -27,6 +28,7 @@ def test_differences_are_paired_over_the_same_episodes(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 10 + [HIT] * 2)
     write_evaluation(tmp_path / "b", "dwa", [HIT] * 8 + [WON, WON, WON, LATE])
     (table,) = compare(find_evaluations([tmp_path]))
+    assert table.reference == "paper"
     row = rows_of(table)["dwa"]
     assert row.difference == pytest.approx(-7 / 12)
     assert row.p_value == pytest.approx(20 / 512)
@@ -102,10 +104,10 @@ def test_the_three_files_say_the_same(tmp_path):
     assert comma_separated(tables) == files[1].read_text()
 
 
-def test_without_the_reference_nothing_is_compared(tmp_path):
+def test_alone_nothing_is_compared(tmp_path):
     write_evaluation(tmp_path / "a", "dwa", [WON])
-    (table,) = compare(find_evaluations([tmp_path]), reference="paper")
-    assert table.reference is None
+    (table,) = compare(find_evaluations([tmp_path]))
+    assert table.reference is None and table.lead is None
     assert "McNemar" not in markdown(table)
 
 
@@ -180,8 +182,24 @@ def test_training_seeds_are_summarised(tmp_path):
     assert found.success.value == pytest.approx(0.75)
     assert found.success.n == 3 and 0.5 <= found.success.low < 0.75 < found.success.high <= 1.0
     assert "| `paper` | 3 | 75.0 % [" in markdown(table)
+    collision, time = found.metrics[1:]
+    assert (collision.name, collision.by_seed) == ("collision_rate", (0.0, 0.5, 0.25))
+    assert (collision.estimate.value, collision.worst, collision.best) == (0.25, 0.5, 0.0)
+    assert (time.unit, time.by_seed) == ("s", (11.5, 10.5, 11.0))  # of successes: 10, 11, 12, 13 s
+    assert (time.estimate.value, time.worst, time.best) == (11.0, 11.5, 10.5)
+    assert 10.5 <= time.estimate.low < time.estimate.high <= 11.5
+    assert " s [" in markdown(table) and "(11.5 to 10.5)" in markdown(table)
+    files = {file.name: file for file in write_comparison([table], tmp_path / "out")}
+    rows = list(csv.DictReader(io.StringIO(files["comparison_seeds.csv"].read_text())))
+    assert [row["metric"] for row in rows] == ["success_rate", "collision_rate", "time_to_goal_s"]
+    told = [rows[2][name] for name in ("approach", "seeds", "iqm", "worst", "best", "episodes")]
+    assert told == ["paper", "3", "11.0", "11.5", "10.5", "4"]
     write_evaluation(tmp_path / "unnamed", "dwa_seed_1", [WON] * 4)
     (_, dwa) = compare_folders([tmp_path]).seeds
     assert (dwa.approach, dwa.seeds, dwa.rates) == ("dwa", (0, 1), (0.0, 1.0))
+    time = dwa.metrics[2]  # no kind of world has a success of every seed
+    assert math.isnan(time.estimate.value) and (time.worst, time.best) == (11.5, 11.5)
+    stored = write_comparison([compare_folders([tmp_path])], tmp_path / "all")[2].read_text()
+    assert json.loads(stored)[0]["seeds"][1]["metrics"][2]["by_seed"] == [None, 11.5]
     assert split_seed("outputs-seed=3") == ("outputs", 3)
     assert split_seed("no_seed_here") == ("no_seed_here", None)

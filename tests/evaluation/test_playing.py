@@ -15,7 +15,7 @@ import torch
 from navrl.build import evaluation as building
 from navrl.build import run_evaluation
 from navrl.config import compose
-from navrl.evaluation import EpisodeRecord
+from navrl.evaluation import METRICS, EpisodeRecord, Trajectory, measure
 from navrl.evaluation.recording import Recording
 from navrl.evaluation.rounding import restored, rounded
 from navrl.evaluation.unfinished import FinishedChunks
@@ -162,6 +162,33 @@ def test_recording_changes_no_result(tmp_path, policy, simulator):
         assert json.loads(one.scenario)["index"] == int(row["index"])
         assert np.array_equal(one.ranges, two.ranges)
         assert (one.spatial_attention is not None) == (policy == "paper")
+
+
+@pytest.mark.parametrize("simulator", ["batched", "bullet"])
+@pytest.mark.parametrize(
+    "policy, contact", [("stand_still", "run_into"), ("pure_pursuit", "moved_into_pedestrian")]
+)
+def test_recordings_measure_what_the_evaluation_did(tmp_path, policy, contact, simulator):
+    """Every metric of every episode, whoever moved into whom, in whichever row it was played."""
+    words = ["recordings=all", "environment.time_limit_steps=150", "num_worlds=6"]
+    play(tmp_path, *words, policy=policy, simulator=simulator)
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
+    files = sorted((tmp_path / "recordings").iterdir())
+    found = measure(Trajectory.from_recordings([Recording.load(file) for file in files], 1.0))
+    for metric in METRICS:
+        cells = [row[metric.name] for row in rows]
+        expected = [float(cell) if cell else np.nan for cell in cells]
+        assert np.allclose(found[metric.name], expected, atol=5e-7, equal_nan=True), metric.name
+    assert "1" in {row[contact] for row in rows}
+
+
+def test_the_summary_says_which_frozen_episodes_were_played(tmp_path):
+    """And that it was none of them, of a suite that only has the name of one."""
+    changed = ["suite.version=null", "suite.distribution.speed=[1,1]"]
+    for name, words, version in (("frozen", [], 1), ("changed", changed, None)):
+        play(tmp_path / name, *words, policy="stand_still")
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        assert (summary["suite"], summary["suite_version"]) == ("table1", version)
 
 
 def test_failures_alone_are_kept(tmp_path):

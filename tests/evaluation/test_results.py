@@ -38,6 +38,7 @@ METRICS = (
     "mean_pedestrian_distance_m,beyond_0.45m_share,beyond_1.2m_share,min_time_to_collision_s"
 )
 NO_METRICS = "," * METRICS.count(",")
+ERROR_METRICS = f"0,0,0,0,0,0,,0.000000,0.000000{',' * 13}"  # no success, and no contact is known
 CSV = f"""\
 index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,\
 noise_seed,num_dynamic,num_static,pedestrian_speed_mps,{METRICS},error
@@ -47,7 +48,7 @@ noise_seed,num_dynamic,num_static,pedestrian_speed_mps,{METRICS},error
 2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,,9,2,1,0.600000,{NO_METRICS},
 3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,,0,0,0,,{NO_METRICS},
 4,office,timeout,150,30.000000,3.000000,0.400000,0,,0,0,0,,{NO_METRICS},
-5,office,error,0,nan,nan,nan,0,,0,0,0,,{NO_METRICS},"a
+5,office,error,0,nan,nan,nan,0,,0,0,0,,{ERROR_METRICS},"a
 b"
 """
 
@@ -117,8 +118,8 @@ def test_metrics_are_summarised_over_all_and_over_successes():
         replace(r, metrics=dict.fromkeys(NAMES) | {"success": float(won), "spl": spl})
         for r, won, spl in zip(RECORDS[:4], (1, 1, 0, 0), (0.5, 1.0, 0.0, math.inf), strict=True)
     ]
-    found = summary([*played, RECORDS[5]])["metrics"]
-    assert found["success"]["all"]["n"] == 4  # what raised has no metrics
+    found = summary(played)["metrics"]
+    assert found["success"]["all"]["n"] == 4
     assert found["success"]["all"]["mean"] == 0.5
     assert found["success"]["all"]["interval"] == pytest.approx(wilson_interval(2, 4), abs=1e-6)
     assert (found["spl"]["unit"], found["spl"]["better"]) == ("1", "higher")
@@ -132,3 +133,20 @@ def test_metrics_are_summarised_over_all_and_over_successes():
         "interval": None,
         "median": None,
     }
+
+
+def test_an_error_is_in_every_rate_and_no_success():
+    values = dict.fromkeys(NAMES) | {"success": 1.0, "collision": 0.0, "spl": 1.0, "stl": 0.5}
+    won = [replace(RECORDS[0], index=k, metrics=values) for k in range(3)]
+    result = summary([*won, RECORDS[5]])
+    found = result["metrics"]
+    for metric in METRIC_TABLE:
+        if metric.is_rate and values[metric.name] is not None:
+            assert found[metric.name]["all"]["n"] == 4, metric.name
+            assert found[metric.name]["successes"]["n"] == 3, metric.name
+    assert found["success"]["all"]["mean"] == result["success_rate"] == 0.75
+    assert found["success"]["all"]["interval"] == result["success_interval"]
+    assert found["collision"]["all"]["mean"] == 0.0
+    assert (found["spl"]["all"]["mean"], found["stl"]["all"]["mean"]) == (0.75, 0.375)
+    assert found["spl"]["successes"]["mean"] == 1.0
+    assert found["min_time_to_collision_s"]["all"]["n"] == 0  # nobody knows how it was driven

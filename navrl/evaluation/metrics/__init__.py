@@ -36,11 +36,12 @@ from navrl.evaluation.metrics.people import (
     min_pedestrian_distance,
     min_time_to_collision,
 )
-from navrl.evaluation.metrics.table import METRICS, Metric, measure
+from navrl.evaluation.metrics.table import METRICS, OF_ERROR, Metric, measure
 from navrl.evaluation.metrics.trajectory import Trajectory
 
 __all__ = [
     "METRICS",
+    "OF_ERROR",
     "Metric",
     "Trajectory",
     "beyond_intimate",

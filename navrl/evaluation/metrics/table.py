@@ -59,6 +59,10 @@ METRICS: tuple[Metric, ...] = (
 )
 """Every metric, in the order of the columns."""
 
+OF_ERROR = {m.name: 0.0 for m in METRICS if m.is_rate or m.name in ("spl", "stl")}
+"""What an episode that raised counts as: no success, so nothing of what success weighs either, and
+no contact or timeout that is known. All else is undefined, as nobody knows how it was driven."""
+
 
 def measure(trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Return all metrics ``[E]`` of E episodes, by name."""

@@ -1,0 +1,69 @@
+"""What policies are compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from navrl.evaluation.seeds import split_seed
+from navrl.evaluation.stored import Evaluation
+
+CHEATING = ("orca", "oracle")
+"""Controllers that read the true state, which no lidar gives."""
+
+_PAPER = "paper"
+
+
+def cheats(evaluation: Evaluation) -> bool:
+    """Return whether the policy reads the true state."""
+    return evaluation.summary["policy"] in CHEATING
+
+
+def default_reference(by_label: Mapping[str, Evaluation]) -> str | None:
+    """Return what the runs of a table are compared with if nobody says.
+
+    Args:
+        by_label: The runs.
+
+    Returns:
+        ``paper`` if it is there, under whichever seed; else the approach that succeeds most, on
+        average over its seeds, the first by name of several, of those that do not read the true
+        state; ``None`` if there is no such approach, or no other run.
+    """
+    rates: dict[str, list[float]] = {}
+    for label, evaluation in by_label.items():
+        if not cheats(evaluation):
+            rate = float(evaluation.summary["success_rate"])
+            rates.setdefault(split_seed(label)[0], []).append(rate)
+    if _PAPER in rates:
+        return _PAPER
+    if not rates or len(by_label) < 2:
+        return None
+    return min(rates, key=lambda approach: (-np.mean(rates[approach]), approach))
+
+
+def check_reference(reference: str, labels: Iterable[str]) -> None:
+    """See that a reference that was asked for is there.
+
+    Raises:
+        ValueError: If it is neither a label nor an approach of several seeds, naming those.
+    """
+    known = sorted({name for label in labels for name in (label, split_seed(label)[0])})
+    if reference not in known:
+        raise ValueError(f"reference={reference}: no such policy; there are {', '.join(known)}")
+
+
+def reference_of(label: str, reference: str | None, known: Iterable[str]) -> str | None:
+    """Return the label of what a run is compared with.
+
+    That is the reference of its own seed, if any; a run that names no seed is the one with seed 0.
+    """
+    known = list(known)
+    seed = split_seed(label)[1]
+    if seed is None and reference in known:
+        return reference
+    for other in known:
+        if split_seed(other) == (reference, seed or 0):
+            return other
+    return reference
