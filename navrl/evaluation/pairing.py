@@ -77,12 +77,14 @@ class MetricComparison:
 def finished_by_all(evaluations: Sequence[Evaluation]) -> set[int]:
     """Return the episodes that every one of some runs wins.
 
+    A run that wins none is left out: it has no times, and beside it the others would have none.
+
     Raises:
         ValueError: If they did not play the same episodes.
     """
     check_same_episodes(evaluations)
     won = [{index for index, ok in e.success.items() if ok} for e in evaluations]
-    return set.intersection(*won) if won else set()
+    return set.intersection(*filter(None, won)) if any(won) else set()
 
 
 def compare_metrics(
