@@ -29,7 +29,11 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, help="the page; report.html in the first folder if not given"
     )
-    parser.add_argument("--reference", default="paper", help="policy that others are compared with")
+    parser.add_argument(
+        "--reference",
+        default="paper",
+        help="policy that others are compared with; the best that does not cheat if not there",
+    )
     parser.add_argument(
         "--episodes", type=int, default=12, help="recorded episodes to put in, lost ones first"
     )

@@ -20,6 +20,7 @@ class Sources:
         evaluations: Of any suite and simulator.
         logs: ``metrics.csv`` of trainings.
         recordings: Episodes with a name each, lost ones first, those of each folder in turn.
+        files: Where each of these recordings lies.
         num_recordings: How many there are; ``recordings`` may hold fewer.
     """
 
@@ -27,7 +28,19 @@ class Sources:
     evaluations: tuple[Evaluation, ...]
     logs: tuple[Path, ...]
     recordings: tuple[tuple[str, Recording], ...]
+    files: tuple[Path, ...]
     num_recordings: int
+
+    def places(self) -> list[tuple[Evaluation, int] | None]:
+        """Return the evaluation and the index of each recording that an evaluation kept."""
+        known = {e.folder.resolve(): e for e in self.evaluations}
+        places = []
+        for file in self.files:
+            evaluation, stem = known.get(_folder(file)), file.stem
+            index = int(stem) if stem.isdecimal() else None
+            is_kept = evaluation is not None and index in evaluation.episodes
+            places.append((evaluation, index) if is_kept else None)
+        return places
 
 
 def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
@@ -53,6 +66,7 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
     logs = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("metrics.csv")))
     files = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("*.npz")))
     recordings = _in_turn({file: Recording.load(file) for file in files})
+    shown = list(recordings)[:num_episodes]
     if not evaluations and not logs and not recordings:
         places = ", ".join(map(str, folders))
         raise ValueError(f"{places}: no evaluation, no training and no recorded episode there")
@@ -60,7 +74,8 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
         folders,
         tuple(evaluations.values()),
         tuple(logs),
-        tuple(recordings[:num_episodes]),
+        tuple((_name(file), recordings[file]) for file in shown),
+        tuple(shown),
         len(recordings),
     )
 
@@ -69,7 +84,7 @@ def _has_evaluation(folder: Path) -> bool:
     return any(file.with_name("episodes.csv").is_file() for file in folder.rglob("summary.json"))
 
 
-def _in_turn(recordings: dict[Path, Recording]) -> list[tuple[str, Recording]]:
+def _in_turn(recordings: dict[Path, Recording]) -> dict[Path, Recording]:
     """Order episodes, lost ones first; no policy with many takes the places of the others."""
     seen: Counter = Counter()
     order = {}
@@ -77,7 +92,7 @@ def _in_turn(recordings: dict[Path, Recording]) -> list[tuple[str, Recording]]:
         won = recording.outcome == "success"
         seen[won, _folder(file)] += 1
         order[file] = (won, seen[won, _folder(file)])
-    return [(_name(file), recordings[file]) for file in sorted(recordings, key=order.__getitem__)]
+    return {file: recordings[file] for file in sorted(recordings, key=order.__getitem__)}
 
 
 def _folder(file: Path) -> Path:
