@@ -26,6 +26,7 @@ _PARTS = {
     "collision_pedestrian": ("moved_into_pedestrian", "run_into"),
     "collision_static": ("collision_wall", "collision_furniture"),
 }
+_BLAME = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_into"}
 
 
 def ending_of_row(row: Mapping[str, str]) -> str:
@@ -43,5 +44,6 @@ def ending_of_recording(recording: Recording) -> str:
     if recording.outcome == "collision_static":
         touched = Trajectory.from_recordings([recording], max_speed=1.0)
         return "collision_furniture" if collision_furniture(touched)[0] else "collision_wall"
-    blame = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_into"}
-    return blame.get(recording.contact, recording.outcome)
+    if recording.outcome == "collision_pedestrian":
+        return _BLAME.get(recording.contact, recording.outcome)
+    return recording.outcome

@@ -19,12 +19,12 @@ _BEFORE_S = 1.0  # s before the end that its story looks back
 _STRAIGHT_DEG = 10.0  # nearer to the heading is told as straight ahead
 _STORIES = {
     "success": "The robot reached its goal after {seconds}.",
-    "moved_into_pedestrian": "The robot moved into a pedestrian after {seconds}, {at}.",
-    "run_into": "A pedestrian moved into the robot after {seconds}, {at}.",
-    "collision_pedestrian": "Robot and pedestrian touched after {seconds}, {at}; who moved into "
-    "whom was not kept.",
-    "collision_wall": "The robot hit a wall after {seconds}, {at}.",
-    "collision_furniture": "The robot hit a piece of furniture after {seconds}, {at}.",
+    "moved_into_pedestrian": "The robot moved into a pedestrian after {seconds}; contact was {at}.",
+    "run_into": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
+    "collision_pedestrian": "Robot and pedestrian touched after {seconds}; contact was {at}; "
+    "who moved into whom was not kept.",
+    "collision_wall": "The robot hit a wall after {seconds}; contact was {at}.",
+    "collision_furniture": "The robot hit a piece of furniture after {seconds}; contact was {at}.",
     "timeout": "Time was up after {seconds}, {left:.2f} m before the goal.",
 }
 

@@ -32,8 +32,13 @@ def comparison_table(table: ComparisonTable) -> str:
     return _sortable(header, body) + (note if any(row.cheats for row in table.rows) else "")
 
 
-def _sortable(header: Sequence[str], body: str) -> str:
-    head = "".join(f'<th scope="col"><button>{escape(name)}</button></th>' for name in header)
+def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:
+    """Return a table whose first ``num_words`` columns are words, the others numbers."""
+    looks = [' class="words"' * (i < num_words) for i in range(len(header))]
+    head = "".join(
+        f'<th scope="col"{look}><button>{escape(name)}</button></th>'
+        for name, look in zip(header, looks, strict=True)
+    )
     return (
         '<div class="wide"><table class="sortable">'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>\n"
@@ -101,8 +106,8 @@ def measures_table(table: ComparisonTable) -> str:
     names = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     if not names:
         return ""
-    header = ["measure", "over", "better", "policy", "mean", "n"]
-    header += ["mean where all succeed", "n where all succeed"]
+    header = ["measure", "better", "policy", "mean", "n"]
+    header += [f"mean over {table.finished_by_all:,} episodes where all succeed", "n of these"]
     if table.reference:
         header += [f"difference to {table.reference}", "pairs", "p (bootstrap)"]
     found = [
@@ -119,17 +124,15 @@ def measures_table(table: ComparisonTable) -> str:
     )
     return (
         f'<details class="measures"><summary>{escape(title)}</summary>\n<p>{note}</p>'
-        f"{_sortable(header, body)}</details>\n"
+        f"{_sortable(header, body, num_words=3)}</details>\n"
     )
 
 
 def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bool) -> str:
-    unit = "" if metric.unit == "1" else f", {metric.unit}"
-    cells = [f'<th scope="row">{escape(metric.name + unit)}</th>']
-    words = (metric.over, _BETTER[metric.name], row.policy + "*" * row.cheats)
-    cells += [f"<td>{escape(text)}</td>" for text in words]
-    for estimate in (metric.own, metric.common):
-        cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}")]
+    cells = [f'<th scope="row">{escape(metric.name)}</th>']
+    cells += _words(_BETTER[metric.name], row.policy + "*" * row.cheats)
+    for estimate, over in ((metric.own, f" {metric.over}"), (metric.common, "")):
+        cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}{over}")]
     difference = metric.difference
     if has_reference and (difference is None or not difference.n):
         cells += [_cell(None, "")] * 3
@@ -137,6 +140,10 @@ def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bo
         cells += [_estimate_cell(difference, "+"), _cell(difference.n, f"{difference.n:,}")]
         cells.append(_cell(difference.p_value, escape(p_value_text(difference.p_value))))
     return f"<tr>{''.join(cells)}</tr>"
+
+
+def _words(*texts: str) -> list[str]:
+    return [f'<td class="words">{escape(text)}</td>' for text in texts]
 
 
 def _estimate_cell(estimate: Estimate | PairedDifference, sign: str) -> str:
@@ -167,16 +174,16 @@ def episodes_table(
         return ""
     header = ["episode", "policy", "world", "how it ended", "after, s"]
     header.append("closest to a pedestrian, m")
+    body = "".join(text for _, text in sorted(rows))
     note = "Recorded episodes: a click on one opens it in the player below."
-    return f"<p>{note}</p>{_sortable(header, ''.join(text for _, text in sorted(rows)))}"
+    return f"<p>{note}</p>{_sortable(header, body, num_words=4)}"
 
 
 def _episode_row(policy: str, index: int, row: Mapping[str, str], player: int) -> str:
     ending = ending_of_row(row)
     link = f'<a href="#player">{index}</a>'
     cells = [f'<th scope="row" data-value="{index}">{link}</th>']
-    words = (policy, row.get("scenario", ""), ENDINGS.get(ending, (ending,))[0])
-    cells += [f"<td>{escape(text)}</td>" for text in words]
+    cells += _words(policy, row.get("scenario", ""), ENDINGS.get(ending, (ending,))[0])
     for name, decimals in (("time_s", 1), ("min_pedestrian_distance_m", 2)):
         value = float(row.get(name) or "nan")
         cells.append(_cell(value if math.isfinite(value) else None, f"{value:.{decimals}f}"))

@@ -1,7 +1,10 @@
 "use strict";
 // Figures into their places, and tables that sort by a click on a heading.
 
-const CONFIG = { responsive: true, displaylogo: false };
+const CONFIG = {
+  responsive: true, displaylogo: false,
+  modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
+};
 
 const FIGURES = JSON.parse(document.getElementById("figures").textContent);
 

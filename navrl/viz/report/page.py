@@ -69,8 +69,10 @@ def _page(sources: Sources, reference: str) -> str:
     from plotly.offline import get_plotlyjs
 
     figures = _Figures()
-    sections = [*_evaluation_sections(sources, reference, figures)]
-    sections += [*_training_section(sources.logs, figures), player_section(sources)]
+    tables = compared(sources.evaluations, reference) if sources.evaluations else []
+    sections = [*_evaluation_sections(tables, sources, reference, figures)]
+    sections += _training_section(sources.logs, figures)
+    sections.append(player_section(sources, _to_record(tables)))
     title = f"navrl: {', '.join(folder.resolve().name for folder in sources.folders)}"
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -124,13 +126,15 @@ class _Figures:
 # --- evaluations ---------------------------------------------------------------------------------
 
 
-def _evaluation_sections(sources: Sources, reference: str, figures: _Figures) -> list[str]:
+def _evaluation_sections(
+    tables: Sequence[ComparisonTable], sources: Sources, reference: str, figures: _Figures
+) -> list[str]:
     from navrl.viz.report import charts
 
-    if not sources.evaluations:
+    if not tables:
         return []
     sections = []
-    for i, table in enumerate(compared(sources.evaluations, reference)):
+    for i, table in enumerate(tables):
         played = max(row.episodes for row in table.rows)
         name = f"{table.suite} in {table.simulator}, {played:,} episodes ({table.suite_hash[:8]})"
         heading = f"<h2>{escape(name)}</h2>"
@@ -169,6 +173,14 @@ def _evaluation(table: ComparisonTable, sources: Sources, reference: str, figure
         f"<p>Episodes' hash: <code>{escape(table.suite_hash)}</code></p>\n"
         f"{''.join(places)}{episodes}"
     )
+
+
+def _to_record(tables: Sequence[ComparisonTable]) -> str | None:
+    """Return the folder of the first table's reference, or of its best."""
+    if not tables:
+        return None
+    rows = tables[0].rows
+    return next((row for row in rows if row.policy == tables[0].reference), rows[0]).folder
 
 
 def _players(sources: Sources) -> dict[tuple[str, int], int]:

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from html import escape
 from pathlib import Path
 
-from navrl.evaluation.stored import Evaluation
 from navrl.viz.report.episodes import episode_data
 from navrl.viz.report.sources import Sources
 
-_SIMULATORS = {"BatchedSimulator": "batched", "BulletSimulator": "bullet"}  # in conf/simulator
 
+def player_section(sources: Sources, folder: str | None) -> str:
+    """Return the player, or the commands that record episodes.
 
-def player_section(sources: Sources) -> str:
-    """Return the player; the commands that record episodes if only evaluations are there."""
+    Args:
+        sources: What there is.
+        folder: Of the evaluation whose episodes the commands record; ``None`` without any.
+    """
     if sources.recordings:
         shown, total = len(sources.recordings), sources.num_recordings
         words = f" {shown} of {total} recorded episodes; lost ones first." if shown < total else ""
         player = Path(__file__).with_name("player.html").read_text(encoding="utf-8")
         return player.replace("<!-- left out -->", escape(words))
-    if not sources.evaluations or sources.num_recordings:
+    if folder is None or sources.num_recordings:
         return ""
-    commands = "\n".join(_commands(sources))
+    commands = "\n".join(_commands(sources, Path(folder)))
     return (
         '<section id="player"><h2>Episodes</h2>\n'
-        "<p>No episode was recorded, so none can be looked at here. These commands play the "
-        "episodes again, keep those that were lost, and make this page with a player; another "
-        f"policy goes the same way.</p>\n<pre><code>{escape(commands)}</code></pre></section>\n"
+        "<p>No episode was recorded, so none can be looked at here. These commands play those of "
+        f"{escape(Path(folder).name)} again, keep the lost ones, and make this page with a player; "
+        f"the other evaluations go the same way.</p>\n"
+        f"<pre><code>{escape(commands)}</code></pre></section>\n"
     )
 
 
@@ -40,26 +44,11 @@ def player_episodes(sources: Sources) -> list[dict]:
     ]
 
 
-def _commands(sources: Sources) -> list[str]:
-    evaluation = sources.evaluations[0]
-    folder = f"outputs/evaluate/recorded_{evaluation.summary['policy']}"
-    folders = [*map(str, sources.folders), folder]
-    return [
-        shlex.join(["navrl-evaluate", *_overrides(evaluation), f"hydra.run.dir={folder}"]),
-        shlex.join(["navrl-report", *folders]),
-    ]
-
-
-def _overrides(evaluation: Evaluation) -> list[str]:
-    """Return what plays the same episodes; ``suite`` is that of the name, cut to as many."""
-    summary = evaluation.summary
-    simulator = str(summary["simulator"])
-    changes = summary.get("change") or {}
-    return [
-        f"policy={summary['policy']}",
-        f"suite={summary['suite']}",
-        f"suite.num_episodes={summary['episodes']}",
-        f"simulator={_SIMULATORS.get(simulator, simulator)}",
-        *(f"+change.{key}={value}" for key, value in changes.items()),
-        "recordings=failures",
-    ]
+def _commands(sources: Sources, folder: Path) -> list[str]:
+    """Return what plays the same again, from the configuration that the evaluation left."""
+    recorded = str(folder.with_name(f"{folder.name}_recorded"))
+    # Hydra would read the = and , of a sweep's folders as its own
+    value = recorded if re.fullmatch(r"[\w./-]+", recorded) else f'"{recorded}"'
+    play = ["navrl-evaluate", "--config-dir", str(folder), "--config-name", "config"]
+    play += ["recordings=failures", f"hydra.run.dir={value}"]
+    return [shlex.join(play), shlex.join(["navrl-report", *map(str, sources.folders), recorded])]

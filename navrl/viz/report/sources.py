@@ -17,7 +17,7 @@ class Sources:
 
     Args:
         folders: Where they were looked for.
-        evaluations: Of any suite and simulator.
+        evaluations: Of any suite and simulator; of equal ones, the one with recordings.
         logs: ``metrics.csv`` of trainings.
         recordings: Episodes with a name each, lost ones first, those of each folder in turn.
         files: Where each of these recordings lies.
@@ -72,12 +72,23 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
         raise ValueError(f"{places}: no evaluation, no training and no recorded episode there")
     return Sources(
         folders,
-        tuple(evaluations.values()),
+        tuple(_without_copies(evaluations.values())),
         tuple(logs),
         tuple((_name(file), recordings[file]) for file in shown),
         tuple(shown),
         len(recordings),
     )
+
+
+def _without_copies(evaluations: Iterable[Evaluation]) -> list[Evaluation]:
+    """Leave out what was played twice with the same result: once more to record it, say."""
+    kept: dict[tuple, Evaluation] = {}
+    for evaluation in evaluations:
+        played = (evaluation.folder / "episodes.csv").read_bytes()
+        same = (evaluation.setting, evaluation.label, played)
+        if same not in kept or (evaluation.folder / "recordings").is_dir():
+            kept[same] = evaluation
+    return list(kept.values())
 
 
 def _has_evaluation(folder: Path) -> bool:
