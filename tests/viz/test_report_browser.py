@@ -1,11 +1,13 @@
 """The report in a real browser, where there is one."""
 
+import dataclasses
 import time
 
 import numpy as np
 import pytest
 from evaluated import HIT, WON, write_evaluation
 
+from navrl.sim import Contact
 from navrl.viz.report import write_report
 
 pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
@@ -113,6 +115,62 @@ def test_figures_show_numbers_where_the_mouse_is(browser):
         "[...document.querySelectorAll('figure .plot')].map((p) => p.data.length)"
     )
     assert len(drawn) >= 4 and all(drawn)
+    place = "document.querySelector('figure .plot')"
+    browser.evaluate(f"Plotly.Fx.hover({place}, [{{curveNumber: 0, pointNumber: 0}}])")
+    text = browser.evaluate(f"{place}.querySelector('.hoverlayer').textContent")
+    assert "mine_seed_0: 0.0% of 12" in text
+    assert browser.errors == []
+
+
+# --- of two evaluations that kept their episodes -------------------------------------------------
+
+
+@pytest.fixture
+def two(tmp_path, chromium, recording, lost):
+    """A page open in the browser: paper won one of two, dwa was run into and hit a wall."""
+    hit = dataclasses.replace(lost, outcome=HIT, contact=Contact.RUN_INTO)
+    won = dataclasses.replace(lost, outcome=WON, contact=Contact.NONE)
+    for policy, episodes in (("paper", (hit, won)), ("dwa", (hit, lost))):
+        outcomes = [episode.outcome for episode in episodes]
+        write_evaluation(tmp_path / policy, policy, outcomes, time_to_goal_s="{time}")
+        (tmp_path / policy / "recordings").mkdir()
+        for index, episode in enumerate(episodes):
+            episode.save(tmp_path / policy / "recordings" / f"{index:06d}.npz")
+    chromium.open(write_report([tmp_path], tmp_path / "two.html").as_uri())
+    yield chromium
+    assert chromium.errors == []
+
+
+def text_of(browser, selector):
+    return browser.evaluate(f"document.querySelector({selector!r}).textContent")
+
+
+def test_the_page_of_two_evaluations_says_what_was_tested(two):
+    verdict = text_of(two, ".verdict")
+    assert verdict.startswith("paper succeeds in 50.0 % [9.5, 90.5] of 2 episodes. On the same 2")
+    assert "dwa (paired 95 % interval [+0.0, +100.0], exact McNemar p = 1.000)" in verdict
+    header = "[...document.querySelector('.measures thead tr').cells].map((c) => c.textContent)"
+    assert two.evaluate(header) == [
+        *("measure", "better", "policy", "mean", "n"),
+        *("mean over 0 episodes where all succeed", "n of these"),
+        *("difference to paper", "pairs", "p"),
+    ]
+
+
+def test_a_click_on_an_episode_opens_it_in_the_player(two):
+    rows = two.evaluate(
+        "[...document.querySelectorAll('tr.opens')].map("
+        "(row) => [...row.cells].map((cell) => cell.textContent))"
+    )
+    told = [(index, policy) for index, policy, *_ in rows]
+    assert sorted(told) == [("0", "dwa"), ("0", "paper"), ("1", "dwa"), ("1", "paper")]
+    for index, policy in (("1", "dwa"), ("1", "paper"), ("0", "dwa")):
+        row = told.index((index, policy))
+        two.evaluate(f"document.querySelectorAll('tr.opens')[{row}].cells[2].click()")
+        chosen = "document.getElementById('episode').selectedOptions[0].textContent"
+        two.wait(f"{chosen}.startsWith('{policy}/00000{index}')")
+        assert two.evaluate("state.episode === Number(document.getElementById('episode').value)")
+    assert text_of(two, "#story").startswith("A pedestrian moved into the robot after ")
     click_on_heatmap(two, across=0.75, down=0.25)  # paper's second episode
     two.wait("document.getElementById('story').textContent.startsWith('The robot reached')")
 
@@ -139,12 +197,13 @@ def test_the_legend_names_what_is_drawn_and_the_end_is_marked(two, lost):
     for name in ("robot", "goal", "global path", "pedestrian", "scan", "TAGD"):
         assert name in legend
     full = np.median(lost.spatial_attention.max(axis=1))
-    assert f"Spatial attention, sectors: low 0  high ≥ {full:.2f}" in legend
+    assert f"Spatial attention, sectors: low, 0  high, ≥ {full:.2f}" in legend
     assert "Temporal attention" in legend
     assert "the end: pedestrian moved into the robot" in legend
     assert two.evaluate("document.querySelectorAll('#legend .scale i').length") == 2
     to_step(two, lost.num_steps)
     ring = two.evaluate("document.getElementById('scene').layout.shapes.at(-1)")
+    two.wait("document.querySelectorAll('#scene .shapelayer [data-index]').length === 3")
     middle = [(ring["x0"] + ring["x1"]) / 2, (ring["y0"] + ring["y1"]) / 2]
     assert middle == pytest.approx(lost.pose[-1, :2].tolist(), abs=1e-4)
     assert ring["line"] == {"color": "#E8000B", "width": 4}

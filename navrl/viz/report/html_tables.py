@@ -109,7 +109,7 @@ def measures_table(table: ComparisonTable) -> str:
     header = ["measure", "better", "policy", "mean", "n"]
     header += [f"mean over {table.finished_by_all:,} episodes where all succeed", "n of these"]
     if table.reference:
-        header += [f"difference to {table.reference}", "pairs", "p (bootstrap)"]
+        header += [f"difference to {table.reference}", "pairs", "p"]
     found = [
         (row, m) for name in names for row in table.rows for m in row.metrics if m.name == name
     ]
@@ -120,7 +120,7 @@ def measures_table(table: ComparisonTable) -> str:
         "Means with 95 % bootstrap intervals. What grows with an episode's length (time, path, "
         "turning, standing still) is taken over successes: who crashes early drives no short way. "
         "Only where all succeed do the means of two policies tell of the same episodes; "
-        "differences are paired, over the episodes where both have the measure."
+        "differences and p are of a paired bootstrap over the episodes where both have the measure."
     )
     return (
         f'<details class="measures"><summary>{escape(title)}</summary>\n<p>{note}</p>'

@@ -97,7 +97,7 @@ def _page(sources: Sources, reference: str) -> str:
 <script>
 {_asset("page.js")}</script>
 <script>
-{_asset("legend.js")}</script>
+{_asset("drawing.js")}</script>
 <script>
 {_asset("player.js")}</script>
 </body>

@@ -6,23 +6,6 @@ const EPISODES = JSON.parse(document.getElementById("episodes").textContent);
 const REWARD_COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"];
 const state = { episode: 0, step: 0, timer: null };
 
-// --- geometry ----------------------------------------------------------------------------------
-
-function toWorld([x, y, yaw], [px, py]) {
-  const cos = Math.cos(yaw), sin = Math.sin(yaw);
-  return [x + cos * px - sin * py, y + sin * px + cos * py];
-}
-
-function outlines(polygons) {
-  const x = [], y = [];
-  for (const polygon of polygons) {
-    for (const point of [...polygon, polygon[0]]) { x.push(point[0]); y.push(point[1]); }
-    x.push(null); y.push(null);
-  }
-  return { x, y };
-}
-
-const columns = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]) });
 const isShown = (layer) => document.querySelector(`.layer[value="${layer}"]`).checked;
 const isHit = (episode, [x, y]) => Math.hypot(x, y) < episode.max_range - 1e-3;
 
@@ -150,7 +133,11 @@ function drawScene(episode, step) {
       constrain: "domain", zeroline: false },
     showlegend: false, // the page's own legend stands above
   };
-  return Plotly.react("scene", sceneTraces(episode, step), layout, CONFIG);
+  return Plotly.react("scene", sceneTraces(episode, step), layout, CONFIG).then((scene) =>
+    scene.querySelectorAll(".shapelayer [data-index]").forEach((shape) => {
+      // plotly leaves those of layer "between" that the step before had and this one has not
+      if (Number(shape.dataset.index) >= layout.shapes.length) shape.remove();
+    }));
 }
 
 // --- commands, rewards and attention ------------------------------------------------------------

@@ -1,5 +1,5 @@
 "use strict";
-// Colours of the episode player, and the legend that names them.
+// What the episode player draws with: colours, geometry, and the legend that names them.
 
 const COLORS = {
   wall: "#4D4D4D", path: "#7F7F7F", goal: "#009E73", robot: "#CC79A7", people: "#E69F00",
@@ -15,6 +15,26 @@ function shade(scale, share) {
   const mixed = scale[low].map((c, i) => Math.round(c + (place - low) * (scale[low + 1][i] - c)));
   return `rgb(${mixed.join(",")})`;
 }
+
+// --- geometry ----------------------------------------------------------------------------------
+
+function toWorld([x, y, yaw], [px, py]) {
+  const cos = Math.cos(yaw), sin = Math.sin(yaw);
+  return [x + cos * px - sin * py, y + sin * px + cos * py];
+}
+
+function outlines(polygons) {
+  const x = [], y = [];
+  for (const polygon of polygons) {
+    for (const point of [...polygon, polygon[0]]) { x.push(point[0]); y.push(point[1]); }
+    x.push(null); y.push(null);
+  }
+  return { x, y };
+}
+
+const columns = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]) });
+
+// --- legend -------------------------------------------------------------------------------------
 
 const SWATCHES = {
   disc: (color) => `<circle cx="12" cy="8" r="6" fill="${color}" stroke="black"/>`,
@@ -33,8 +53,8 @@ const sample = ([shape, color, text]) =>
 
 function scaleSample(text, scale, full) {
   const stops = [0, 0.5, 1].map((share) => shade(scale, share)).join(",");
-  return `<span class="key scale">${text}: low 0 <i style="background:linear-gradient(90deg,${stops})"></i>` +
-    ` high &ge; ${full.toFixed(2)}</span>`;
+  return `<span class="key scale">${text}: low, 0 <i style="background:linear-gradient(90deg,${stops})"></i>` +
+    ` high, &ge; ${full.toFixed(2)}</span>`;
 }
 
 /** Name what the scene draws; what an episode lacks is left out. */
