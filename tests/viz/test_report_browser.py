@@ -203,7 +203,7 @@ def test_the_legend_names_what_is_drawn_and_the_end_is_marked(two, lost):
     assert two.evaluate("document.querySelectorAll('#legend .scale i').length") == 2
     to_step(two, lost.num_steps)
     ring = two.evaluate("document.getElementById('scene').layout.shapes.at(-1)")
-    two.wait("document.querySelectorAll('#scene .shapelayer [data-index]').length === 3")
+    two.wait("document.querySelectorAll('#scene .shapelayer .shape-group').length === 3")
     middle = [(ring["x0"] + ring["x1"]) / 2, (ring["y0"] + ring["y1"]) / 2]
     assert middle == pytest.approx(lost.pose[-1, :2].tolist(), abs=1e-4)
     assert ring["line"] == {"color": "#E8000B", "width": 4}
