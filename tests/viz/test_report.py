@@ -1,60 +1,26 @@
-"""The report: one page that needs nothing else, opened in a real browser where there is one."""
+"""The report: one page that needs nothing else; test_report_browser.py opens it."""
 
 import csv
 import dataclasses
+import html
 import json
 import re
 import sys
 
 import numpy as np
 import pytest
-from browser import Chromium, find_chromium
 from evaluated import HIT, LATE, WON, write_evaluation
 
 from navrl.cli.report import main
 from navrl.evaluation.comparison import compare
 from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import find_evaluations
+from navrl.sim import Contact
 from navrl.viz.report import write_report
+from navrl.viz.report.episodes import episode_data
 from navrl.viz.report.sources import find_sources
 
 pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
-
-
-@pytest.fixture(scope="module")
-def lost(recording):
-    """The recorded episode as one that was lost, by a policy that hides a tag in its name."""
-    steps = recording.num_steps
-    reward = {"progress": np.linspace(0, 1, steps, dtype=np.float32)}
-    return dataclasses.replace(recording, outcome="collision_static", reward_terms=reward)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, recording, lost):
-    folder = tmp_path_factory.mktemp("sweep")
-    for name, policy, outcomes in (
-        ("a", "paper", [WON] * 11 + [HIT]),
-        ("b", "dwa", [HIT] * 8 + [WON] * 2 + [LATE] * 2),
-        ("c", "</script><b>evil</b>", [WON] * 10 + [HIT] * 2),
-        ("d", "oracle", [WON] * 12),
-        ("e", "mine_seed_0", [HIT] * 12),
-        ("f", "mine_seed_1", [HIT] * 11 + [WON]),
-    ):
-        spl = {"unit": "1", "better": "higher", "all": {"mean": 0.5, "interval": [0.25, 0.75]}}
-        measures = {} if policy == "oracle" else {"metrics": {"spl": spl}}
-        write_evaluation(folder / name, policy, outcomes, **measures)
-    with (folder / "metrics.csv").open("w", newline="") as file:
-        rows = [["frames", "evaluation/success_rate"], [100, 0.25], [200, 0.5]]
-        csv.writer(file).writerows(rows)
-    (folder / "played").mkdir()
-    dataclasses.replace(recording, outcome="success").save(folder / "played" / "won.npz")
-    lost.save(folder / "played" / "lost.npz")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def page(folder):
-    return write_report([folder], folder / "deep" / "report.html")
 
 
 def embedded(page, name):
@@ -65,14 +31,127 @@ def embedded(page, name):
 def test_the_page_says_who_is_better_and_by_how_much(page):
     text = page.read_text()
     assert "paper succeeds in 91.7 % [64.6, 98.5] of 12 episodes" in text
-    assert "8.3 points more than the next" in text
+    next_best = (
+        r"On the same 12 episodes these are 8.3 points more than the next approach, [^<]*evil"
+    )
+    assert re.search(next_best + r"[^<]*p = 1.000\), which may be chance", text)
     assert re.search(r"may be chance \(p ≥ 0.05\)[^<]*oracle", text)
     assert "dwa" not in re.search(r"may be chance[^<]*", text)[0]
     assert '<th scope="row">oracle*</th>' in text
     assert '<th scope="row">mine</th><td data-value="2">2</td>' in text
-    measured = re.search(r'<th scope="row">spl</th>.*?</tr>', text)[0]
-    assert measured.count("0.5 <small>[0.25, 0.75]</small>") == 5
-    assert measured.count('data-value=""') == 1  # the oracle's file has no measures
+
+
+def cells(page, name, policy):
+    """The cells of a measure's row in the table of measures, as a reader sees them."""
+    row = next(
+        row
+        for row in re.findall(rf'<tr><th scope="row">{name}</th>.*?</tr>', page.read_text())
+        if f'<td class="words">{policy}</td>' in row
+    )
+    return [re.sub(r"<[^>]+>", "", cell) for cell in re.findall(r"<td.*?</td>", row)]
+
+
+def test_measures_are_over_successes_and_paired(tmp_path):
+    for name, policy, outcomes, delay in (
+        ("a", "paper", [WON, WON, WON, WON, HIT], 0.0),
+        ("b", "dwa", [HIT, WON, WON, LATE, "error"], 2.0),
+    ):
+        write_evaluation(tmp_path / name, policy, outcomes, time_to_goal_s="{time}", delay=delay)
+    page = write_report([tmp_path], tmp_path / "report.html")
+    lower, policy, mean, n, common, of_these, difference, pairs, _ = cells(
+        page, "path_length_m", "dwa"
+    )
+    assert (lower, policy) == ("lower", "dwa")
+    assert mean.startswith("13.5 [13, 14]") and n == "2 successes"  # all five would have 14
+    assert common.startswith("13.5 [") and of_these == "2"
+    assert difference == "+2 [+2, +2]" and pairs == "2"
+    own = cells(page, "path_length_m", "paper")
+    assert own[2].startswith("11.5 [") and own[3] == "4 successes"
+    assert own[4].startswith("11.5 [") and own[5] == "2"
+    assert own[6:] == ["\N{EN DASH}"] * 3
+    assert "All measures; episodes that raised an error: dwa 1</summary>" in page.read_text()
+    assert "mean over 2 episodes where all succeed" in page.read_text()
+
+
+def test_without_the_reference_the_best_fair_one_is_compared_with(tmp_path):
+    for policy, wins in (("dwa", 2), ("liang", 9), ("oracle", 12), ("subgoal", 3)):
+        write_evaluation(tmp_path / policy, policy, [WON] * wins + [HIT] * (12 - wins))
+    text = write_report([tmp_path], tmp_path / "report.html").read_text()
+    assert "liang succeeds in 75.0 %" in text
+    assert "50.0 points more than the next approach, subgoal" in text
+    assert "p = 0.031), which is hardly chance" in text
+    assert "Differences are to liang." in text
+    assert "success vs liang, points" in text
+    text = write_report([tmp_path], tmp_path / "report.html", reference="dwa").read_text()
+    assert "success vs dwa, points" in text and "Differences are to dwa." in text
+
+
+def test_collisions_are_told_apart_by_who_moved_and_what_was_touched(tmp_path):
+    folder = tmp_path / "paper"
+    write_evaluation(folder, "paper", [WON] + [HIT] * 3 + ["collision_static"] * 3 + [LATE])
+    names = ("run_into", "moved_into_pedestrian", "collision_wall", "collision_furniture")
+    told = {1: "run_into", 2: "moved_into_pedestrian", 4: "collision_wall"}
+    told[5] = "collision_furniture"
+    with (folder / "episodes.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for index, row in enumerate(rows):
+        row |= {name: str(int(told.get(index) == name)) for name in names}
+    for index in (3, 6):  # as evaluations before these columns have them
+        rows[index] |= dict.fromkeys(names, "")
+    with (folder / "episodes.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    figures = embedded(write_report([tmp_path], tmp_path / "report.html"), "figures")
+    bars = {t["name"]: t for t in figures["figure-1"]["data"]}
+    assert {name: bar["customdata"] for name, bar in bars.items()} == {
+        "success": [1],
+        "robot moved into a pedestrian": [1],
+        "pedestrian moved into the robot": [1],
+        "collision with a pedestrian, blame not kept": [1],
+        "collision with a wall": [1],
+        "collision with furniture": [1],
+        "collision with a wall or furniture": [1],
+        "timeout": [1],
+    }
+    assert len({bar["marker"]["color"] for bar in bars.values()}) == len(bars)
+
+
+def test_without_recordings_the_page_says_how_to_make_them(tmp_path):
+    folder = tmp_path / "speed=0.2,0.2" / "paper"
+    write_evaluation(folder, "paper", [WON, HIT])
+    write_evaluation(tmp_path / "dwa", "dwa", [WON, HIT])
+    text = html.unescape(write_report([tmp_path], tmp_path / "report.html").read_text())
+    assert (
+        f"navrl-evaluate --config-dir {folder} --config-name config recordings=failures "
+        f"'hydra.run.dir=\"{folder}_recorded\"'\n"
+        f"navrl-report {tmp_path} {folder}_recorded<"
+    ) in text
+
+
+def test_what_was_played_again_to_record_it_counts_once(tmp_path, lost):
+    write_evaluation(tmp_path / "paper", "paper", [HIT, WON])
+    write_evaluation(tmp_path / "paper_recorded", "paper", [HIT, WON])
+    (tmp_path / "paper_recorded" / "recordings").mkdir()
+    lost.save(tmp_path / "paper_recorded" / "recordings" / "000000.npz")
+    sources = find_sources([tmp_path], num_episodes=3)
+    (evaluation,) = sources.evaluations
+    assert evaluation.folder.name == "paper_recorded"
+    assert sources.places() == [(evaluation, 0)]
+    write_evaluation(tmp_path / "other", "paper", [WON, WON])
+    assert len(find_sources([tmp_path], num_episodes=3).evaluations) == 2
+
+
+def test_all_but_three_suites_are_folded_with_their_headline(tmp_path):
+    for i in range(5):
+        outcomes = [WON] * (i + 1) + [HIT] * (5 - i)
+        write_evaluation(tmp_path / str(i), "paper", outcomes, suite=f"speed_{i}")
+    text = write_report([tmp_path], tmp_path / "report.html").read_text()
+    folded = re.findall(r"<summary><h2 id=.*?>(speed_\d).*?</h2><p>(.*?)</p></summary>", text)
+    assert folded == [
+        ("speed_3", "paper succeeds in 66.7 % [30.0, 90.3] of 6 episodes."),
+        ("speed_4", "paper succeeds in 83.3 % [43.6, 97.0] of 6 episodes."),
+    ]
 
 
 def test_the_page_needs_nothing_else_and_names_end_no_element(page):
@@ -87,7 +166,7 @@ def test_the_page_needs_nothing_else_and_names_end_no_element(page):
 
 def test_episodes_are_what_was_recorded(page, lost):
     first, second = embedded(page, "episodes")
-    assert "collision with a wall" in first["name"] and "goal reached" in second["name"]
+    assert "collision with a wall" in first["name"] and "success" in second["name"]
     assert np.allclose(first["pose"], lost.pose, atol=1e-4)
     assert np.allclose(first["action"], lost.action, atol=1e-4)
     assert np.allclose(first["points"], lost.points, atol=1e-3)
@@ -95,7 +174,32 @@ def test_episodes_are_what_was_recorded(page, lost):
     real = lost.tagd_valid.all(axis=-1)
     assert [step["valid"] for step in first["tagd"]] == real.astype(int).tolist()
     seconds = lost.num_steps * lost.time_step_s
-    assert first["story"].startswith(f"Collision with a wall after {seconds:.1f} s.")
+    assert first["story"].startswith(f"The robot hit a wall after {seconds:.1f} s; contact was ")
+
+
+def test_a_story_tells_who_moved_into_whom_and_where(recording):
+    x, y, yaw = recording.pose[-1]
+    pedestrian = np.full_like(recording.pedestrian_boxes, np.nan)
+    at = yaw + np.radians(40)
+    pedestrian[-1, 0] = x + 0.3 * np.cos(at), y + 0.3 * np.sin(at), 1e-3, 1e-3, 0.0
+    hit = dataclasses.replace(recording, outcome=HIT, pedestrian_boxes=pedestrian)
+
+    def told(row=None, **changes):
+        return episode_data("played", dataclasses.replace(hit, **changes), row)["story"]
+
+    assert told(contact=Contact.PEDESTRIAN).startswith("The robot moved into a pedestrian after ")
+    assert told(contact=Contact.RUN_INTO).startswith("A pedestrian moved into the robot after ")
+    assert "; contact was 40° to the left of the robot's heading." in told(contact=Contact.RUN_INTO)
+    assert "who moved into whom was not kept" in told(contact=None)
+    row = {"outcome": HIT, "run_into": "1", "moved_into_pedestrian": "0"}
+    assert told(row, contact=None).startswith("A pedestrian moved into the robot after ")
+    scenario = json.loads(recording.scenario)
+    static = {"outcome": "collision_static", "contact": Contact.STATIC}
+    assert told(**static).startswith("The robot hit a wall after ")
+    furnished = json.dumps(scenario | {"num_furniture": len(scenario["boxes"])})
+    told_furniture = told(**static, scenario=furnished)
+    assert told_furniture.startswith("The robot hit a piece of furniture after ")
+    assert told(outcome="timeout", contact=0).startswith("Time was up after ")
 
 
 def test_a_limit_keeps_lost_episodes_and_says_so(folder, tmp_path):
@@ -195,119 +299,3 @@ def test_without_plotly_it_says_what_to_install(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
     with pytest.raises(ImportError, match=r"navrl\[report\]"):
         write_report([folder], tmp_path / "report.html")
-
-
-# --- in a browser --------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def browser(page, tmp_path_factory):
-    if find_chromium() is None:
-        pytest.skip("no chromium here: apt-get install chromium")
-    browser = Chromium(tmp_path_factory.mktemp("profile"))
-    browser.open(page.as_uri())
-    yield browser
-    browser.close()
-
-
-def to_step(browser, step):
-    """Move the slider as a hand would: its value, then the event."""
-    browser.evaluate(
-        f"(() => {{ const t = document.getElementById('time'); t.value = {step};"
-        "t.dispatchEvent(new Event('input', {bubbles: true})); })()"
-    )
-    browser.wait(f"document.getElementById('clock').textContent.includes('step {step} of')")
-
-
-def scene(browser, name):
-    data = f"document.getElementById('scene').data.find((t) => t.name === {name!r})"
-    return browser.evaluate(f"(() => {{ const t = {data}; return t && [t.x, t.y]; }})()")
-
-
-def test_the_slider_moves_the_robot_and_what_it_saw(browser, lost):
-    for step in (0, 7, lost.num_steps):
-        to_step(browser, step)
-        x, y = scene(browser, "robot's way")
-        assert len(x) == step + 1
-        assert [x[-1], y[-1]] == pytest.approx(lost.pose[step, :2].tolist(), abs=1e-4)
-        hits = (np.linalg.norm(lost.points[step], axis=-1) < lost.max_range - 1e-3).sum()
-        assert len(scene(browser, "scan")[0]) == hits
-        cursor = browser.evaluate("document.getElementById('commands').layout.shapes[0].x0")
-        assert cursor == pytest.approx(step * lost.time_step_s)
-    assert browser.errors == []
-
-
-def test_attention_follows_the_step(browser, lost):
-    to_step(browser, 5)
-    for name in ("spatial", "temporal"):
-        weights = browser.evaluate(f"document.getElementById('{name}').data[0].y")
-        assert weights == pytest.approx(getattr(lost, f"{name}_attention")[5].tolist(), abs=1e-5)
-    count = "document.getElementById('scene').layout.shapes.length"
-    with_all = browser.evaluate(count)
-    browser.evaluate("document.querySelector('.layer[value=spatial]').click()")
-    sectors = lost.spatial_attention.shape[1]
-    assert browser.evaluate(count) == with_all - sectors
-    browser.evaluate("document.querySelector('.layer[value=spatial]').click()")
-    assert browser.evaluate(count) == with_all
-    browser.evaluate("document.querySelector('.layer[value=descriptors]').click()")
-    assert scene(browser, "TAGD, t-1 to t") is None
-    browser.evaluate("document.querySelector('.layer[value=descriptors]').click()")
-    assert browser.errors == []
-
-
-def test_commands_and_rewards_are_drawn_over_time(browser, lost):
-    v, w = browser.evaluate("document.getElementById('commands').data.map((t) => t.y)")
-    assert v[:-1] == pytest.approx(lost.action[:, 0].tolist(), abs=1e-4)
-    assert w[:-1] == pytest.approx(lost.action[:, 1].tolist(), abs=1e-4)
-    (name,) = browser.evaluate("document.getElementById('rewards').data.map((t) => t.name)")
-    assert name == "progress"
-
-
-def test_another_episode_and_play(browser, lost):
-    browser.evaluate(
-        "(() => { const e = document.getElementById('episode'); e.value = 1;"
-        "e.dispatchEvent(new Event('change')); })()"
-    )
-    browser.wait("document.getElementById('story').textContent.startsWith('Goal reached')")
-    to_step(browser, 0)
-    browser.evaluate("document.getElementById('play').click()")
-    browser.wait("document.getElementById('time').value >= 2")
-    assert browser.evaluate("document.getElementById('play').textContent") == "Pause"
-    browser.evaluate("document.getElementById('play').click()")
-    browser.evaluate(
-        "(() => { const e = document.getElementById('episode'); e.value = 0;"
-        "e.dispatchEvent(new Event('change')); })()"
-    )
-    browser.wait("document.getElementById('story').textContent.startsWith('Collision')")
-    assert browser.errors == []
-
-
-def test_tables_sort_by_a_click(browser):
-    def order(column):
-        return browser.evaluate(
-            "(() => { const table = document.querySelector('table.sortable');"
-            f"table.tHead.rows[0].cells[{column}].querySelector('button').click();"
-            "return [...table.tBodies[0].rows].map((row) => row.cells[0].textContent); })()"
-        )
-
-    assert order(2) == [
-        *("mine_seed_0", "mine_seed_1", "dwa"),
-        *("</script><b>evil</b>", "paper", "oracle*"),
-    ]  # success, least first
-    assert order(2)[0] == "oracle*"
-    by_difference = order(7)
-    assert by_difference[0] == "mine_seed_0" and by_difference[-1] == "paper"  # which has none
-    assert order(7)[-1] == "paper"
-    assert browser.errors == []
-
-
-def test_figures_show_numbers_where_the_mouse_is(browser):
-    drawn = browser.evaluate(
-        "[...document.querySelectorAll('figure .plot')].map((p) => p.data.length)"
-    )
-    assert len(drawn) >= 4 and all(drawn)
-    place = "document.querySelector('figure .plot')"
-    browser.evaluate(f"Plotly.Fx.hover({place}, [{{curveNumber: 0, pointNumber: 0}}])")
-    text = browser.evaluate(f"{place}.querySelector('.hoverlayer').textContent")
-    assert "mine_seed_0: 0.0% of 12" in text
-    assert browser.errors == []

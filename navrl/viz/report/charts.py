@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,15 +22,10 @@ from navrl.viz.rates import (
     rated_settings,
     rated_worlds,
 )
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILLION, line_look
+from navrl.viz.report.endings import ENDINGS, ending_of_row
+from navrl.viz.report.verdict import members
+from navrl.viz.style import BLUE, CYCLE, VERMILLION, line_look
 
-_OUTCOMES = {
-    "success": ("success", GREEN),
-    "collision_pedestrian": ("collision with a pedestrian", VERMILLION),
-    "collision_static": ("collision with a wall", ORANGE),
-    "timeout": ("timeout", BLUE),
-    "error": ("error", BLACK),
-}
 _ROW_PX = 30
 _DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}  # matplotlib's, as plotly's
 _SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x", "star")
@@ -77,13 +72,13 @@ def success_chart(table: ComparisonTable) -> go.Figure:
 
 
 def outcome_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure:
-    """How the episodes of each policy ended."""
+    """How the episodes of each policy ended: who moved into whom, and what was touched."""
     figure = go.Figure()
-    members = _members(table, evaluations)
-    counts = [Counter(row["outcome"] for row in e.episodes.values()) for e in members]
+    played = [e.episodes.values() for e in members(table, evaluations)]
+    counts = [Counter(map(ending_of_row, rows)) for rows in played]
     names = [row.policy for row in table.rows]
-    for outcome, (label, color) in _OUTCOMES.items():
-        values = [count[outcome] for count in counts]
+    for ending, (label, color) in ENDINGS.items():
+        values = [count[ending] for count in counts]
         if not any(values):
             continue
         shares = [v / max(sum(c.values()), 1) for v, c in zip(values, counts, strict=True)]
@@ -98,13 +93,13 @@ def outcome_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> 
         )
     figure.update_layout(barmode="stack", legend_traceorder="normal")
     figure.update_xaxes(title="share of episodes", tickformat=".0%", range=[0, 1])
-    return _finished(figure, 130 + _ROW_PX * len(names))
+    return _finished(figure, 160 + _ROW_PX * len(names))
 
 
 def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure | None:
     """Success in each kind of world; ``None`` if there is only one."""
     figure = go.Figure()
-    for i, (row, e) in enumerate(zip(table.rows, _members(table, evaluations), strict=True)):
+    for i, (row, e) in enumerate(zip(table.rows, members(table, evaluations), strict=True)):
         worlds = e.summary.get("by_scenario") or {}
         if len(worlds) < 2:
             continue
@@ -126,38 +121,51 @@ def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go
     return _finished(figure, 380)
 
 
-def episode_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure:
-    """Which episode ended how under which policy: a column is one episode."""
-    codes = {outcome: i for i, outcome in enumerate(_OUTCOMES)}
-    members = _members(table, evaluations)
-    indices = sorted({index for e in members for index in e.episodes})
-    values, texts = [], []
-    for row, e in zip(table.rows, members, strict=True):
-        cells = [e.episodes.get(index) for index in indices]
-        values.append([codes.get(cell["outcome"]) if cell else None for cell in cells])
-        texts.append([_cell_text(row.policy, i, c) for i, c in zip(indices, cells, strict=True)])
-    colors = [color for _, color in _OUTCOMES.values()]
+def episode_chart(
+    table: ComparisonTable,
+    evaluations: Sequence[Evaluation],
+    players: Mapping[tuple[str, int], int],
+) -> go.Figure:
+    """Which episode ended how under which policy: a column is one episode.
+
+    Args:
+        table: Of one suite.
+        evaluations: Those of the table, at least.
+        players: Number in the player of a recording, by the evaluation's folder and the index; a
+            click on that cell opens it.
+    """
+    played = [e.episodes for e in members(table, evaluations)]
+    indices = sorted(set().union(*played))
+    ended = [{i: ending_of_row(row) for i, row in rows.items()} for rows in played]
+    shown = [ending for ending in ENDINGS if any(ending in e.values() for e in ended)]
+    codes = {ending: code for code, ending in enumerate(shown)}
+    colors = [ENDINGS[ending][1] for ending in shown]
     steps = np.repeat(np.linspace(0, 1, len(colors) + 1), 2)[1:-1]
+    texts = [
+        [_cell_text(row.policy, i, rows.get(i)) for i in indices]
+        for row, rows in zip(table.rows, played, strict=True)
+    ]
     figure = go.Figure(
         go.Heatmap(
-            z=values[::-1],
+            z=[[codes.get(e.get(i)) for i in indices] for e in ended][::-1],
             x=indices,
             y=[row.policy for row in table.rows][::-1],
             text=texts[::-1],
+            customdata=[[players.get((r.folder, i)) for i in indices] for r in table.rows[::-1]],
             hoverinfo="text",
             zmin=-0.5,
             zmax=len(colors) - 0.5,
             colorscale=[[s, c] for s, c in zip(steps, np.repeat(colors, 2), strict=True)],
-            colorbar={
-                "tickvals": list(codes.values()),
-                "ticktext": [label for label, _ in _OUTCOMES.values()],
-                "title": "outcome",
-            },
+            showscale=False,
             ygap=2,
         )
     )
-    figure.update_xaxes(title="episode")
-    return _finished(figure, max(260, 130 + _ROW_PX * len(members)))
+    for ending in shown:
+        look = {"color": ENDINGS[ending][1], "size": 12, "symbol": "square"}
+        figure.add_scatter(x=[None], y=[None], mode="markers", marker=look, name=ENDINGS[ending][0])
+    figure.update_xaxes(title="episode", showgrid=False)
+    figure.update_yaxes(showgrid=False)
+    return _finished(figure, 160 + _ROW_PX * len(played))
 
 
 def curves_chart(logs: Sequence[Path]) -> go.Figure:
@@ -251,15 +259,11 @@ def _rate_line(line: Sequence[tuple[float, RatePoint]], name: str, look: dict) -
     )
 
 
-def _members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    by_folder = {str(e.folder): e for e in evaluations}
-    return [by_folder[row.folder] for row in table.rows]
-
-
 def _cell_text(policy: str, index: int, cell: dict[str, str] | None) -> str:
     if cell is None:
         return f"{policy}: episode {index} not played"
-    label = _OUTCOMES.get(cell["outcome"], (cell["outcome"], GREY))[0]
+    ending = ending_of_row(cell)
+    label = ENDINGS.get(ending, (ending,))[0]
     world, seconds = cell.get("scenario", ""), cell.get("time_s", "")
     after = f" after {float(seconds):.1f} s" if seconds else ""
     return f"{policy}, episode {index} ({world}): {label}{after}"

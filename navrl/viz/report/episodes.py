@@ -2,29 +2,52 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from navrl.evaluation.recording import Recording
-from navrl.viz.animation import OUTCOME_WORDS, episode_name
+from navrl.ops.contact import nearest_point_on_box
+from navrl.viz.animation import episode_name
+from navrl.viz.report.endings import ENDINGS, ending_of_recording, ending_of_row
 from navrl.viz.scene import attention_scale, closest_step, scene_limits
 
 _MILLIMETRES = 3  # decimals of lengths
 _BEFORE_S = 1.0  # s before the end that its story looks back
+_STRAIGHT_DEG = 10.0  # nearer to the heading is told as straight ahead
+_STORIES = {
+    "success": "The robot reached its goal after {seconds}.",
+    "moved_into_pedestrian": "The robot moved into a pedestrian after {seconds}; contact was {at}.",
+    "run_into": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
+    "collision_pedestrian": "Robot and pedestrian touched after {seconds}; contact was {at}; "
+    "who moved into whom was not kept.",
+    "collision_wall": "The robot hit a wall after {seconds}; contact was {at}.",
+    "collision_furniture": "The robot hit a piece of furniture after {seconds}; contact was {at}.",
+    "timeout": "Time was up after {seconds}, {left:.2f} m before the goal.",
+}
 
 
-def episode_data(name: str, recording: Recording) -> dict[str, Any]:
+def episode_data(
+    name: str, recording: Recording, row: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Return what the player needs, rounded, with world coordinates where it only draws.
 
     Args:
         name: For the list of episodes.
         recording: The episode.
+        row: Of ``episodes.csv``, which tells who moved into whom where an old recording does not.
     """
     limits = scene_limits(recording)
+    ending = ending_of_recording(recording)
+    if ending == "collision_pedestrian" and row is not None:
+        ending = ending_of_row(row)
+    label = ENDINGS.get(ending, (recording.outcome,))[0]
     return {
-        "name": f"{name}: {episode_name(recording)}, {_ending(recording)}",
-        "story": _story(recording),
+        "name": f"{name}: {episode_name(recording)}, {label}",
+        "story": _story(recording, ending),
+        "ending": label,
         "outcome": recording.outcome,
         "time_step_s": recording.time_step_s,
         "robot_radius": recording.robot_radius,
@@ -94,15 +117,14 @@ def _without_repetition(path: np.ndarray) -> np.ndarray:
 # --- how it ended --------------------------------------------------------------------------------
 
 
-def _ending(recording: Recording) -> str:
-    return OUTCOME_WORDS.get(recording.outcome, recording.outcome)
-
-
-def _story(recording: Recording) -> str:
-    """Say in a sentence or two how the episode ended and what went before."""
+def _story(recording: Recording, ending: str) -> str:
+    """Say in a few sentences how the episode ended, who touched whom, and what went before."""
     end = recording.num_steps
-    seconds = end * recording.time_step_s
-    story = f"{_ending(recording).capitalize()} after {seconds:.1f} s."
+    seconds = f"{end * recording.time_step_s:.1f} s"
+    left = float(np.linalg.norm(recording.goal - recording.pose[-1, :2]))
+    story = _STORIES.get(ending, "{ending} after {seconds}.").format(
+        seconds=seconds, left=left, ending=ending, at=_side_touched(recording)
+    )
     if end < 1:
         return story
     speed = float(recording.action[-1, 0])
@@ -117,6 +139,24 @@ def _story(recording: Recording) -> str:
             f"{closing:.2f} m {back:.1f} s earlier."
         )
     return story
+
+
+def _side_touched(recording: Recording) -> str:
+    """Return where on the robot, as seen by it, the box nearest to it at the end lies."""
+    static = recording.outcome == "collision_static"
+    boxes = recording.walls if static else recording.pedestrian_boxes[-1]
+    boxes = boxes[np.isfinite(boxes).all(axis=-1)]
+    if not len(boxes):
+        return "somewhere"
+    x, y, yaw = recording.pose[-1].tolist()
+    turns = zip(boxes[:, :4].tolist(), np.cos(boxes[:, 4]), np.sin(boxes[:, 4]), strict=True)
+    points = [nearest_point_on_box(x, y, *box, cos, sin) for box, cos, sin in turns]
+    nearest_x, nearest_y = min(points, key=lambda point: math.dist(point, (x, y)))
+    angle = math.degrees(math.remainder(math.atan2(nearest_y - y, nearest_x - x) - yaw, math.tau))
+    if abs(angle) < _STRAIGHT_DEG:
+        return "straight ahead"
+    side = "left" if angle > 0 else "right"
+    return f"{abs(angle):.0f}° to the {side} of the robot's heading"
 
 
 def _nearest(recording: Recording, step: int) -> float:

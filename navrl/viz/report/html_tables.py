@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
+from navrl.evaluation.metrics import METRICS
+from navrl.evaluation.pairing import MetricComparison
+from navrl.evaluation.statistics import Estimate, PairedDifference
 from navrl.evaluation.stored import Evaluation
+from navrl.viz.report.endings import ENDINGS, ending_of_row
+from navrl.viz.report.verdict import members, p_value_text
 
 _RATES = ("success", "collision", "timeout")
+_BETTER = {metric.name: metric.better for metric in METRICS}
 
 
 def comparison_table(table: ComparisonTable) -> str:
@@ -16,17 +23,22 @@ def comparison_table(table: ComparisonTable) -> str:
     header = ["policy", "episodes", *_RATES, "time of successes, s"]
     header += [f"time where all succeed, s (n={table.finished_by_all})"]
     if table.reference:
-        header += [f"success vs {table.reference}, points", "p (McNemar)"]
+        header += [f"success vs {table.reference}, points", "p (McNemar, Holm)"]
     published = any(row.published for row in table.rows)
     if published:
         header += ["paper's own success", "paper's own time, s"]
-    head = "".join(f'<th scope="col"><button>{escape(name)}</button></th>' for name in header)
     body = "".join(_row(row, bool(table.reference), published) for row in table.rows)
     note = "<p>* reads the true state of walls and pedestrians: a ceiling, no rival.</p>"
-    return _sortable(head, body) + (note if any(row.cheats for row in table.rows) else "")
+    return _sortable(header, body) + (note if any(row.cheats for row in table.rows) else "")
 
 
-def _sortable(head: str, body: str) -> str:
+def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:
+    """Return a table whose first ``num_words`` columns are words, the others numbers."""
+    looks = [' class="words"' * (i < num_words) for i in range(len(header))]
+    head = "".join(
+        f'<th scope="col"{look}><button>{escape(name)}</button></th>'
+        for name, look in zip(header, looks, strict=True)
+    )
     return (
         '<div class="wide"><table class="sortable">'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>\n"
@@ -48,8 +60,7 @@ def _row(row: ComparisonRow, has_reference: bool, has_published: bool) -> str:
     cells.append(_cell(value if count else None, span))
     if has_reference:
         cells.append(_cell(row.difference, _points(row)))
-        p_value = row.p_value or 0.0
-        cells.append(_cell(row.p_value, "&lt; 0.001" if p_value < 0.001 else f"{p_value:.3f}"))
+        cells.append(_cell(row.p_holm, escape(p_value_text(row.p_holm or 0.0))))
     if has_published:
         success, time = row.published.get("success"), row.published.get("time")
         cells += [_cell(success, f"{100 * (success or 0):.1f} %"), _cell(time, f"{time or 0:.1f}")]
@@ -78,7 +89,6 @@ def seeds_table(table: ComparisonTable) -> str:
     if not table.seeds:
         return ""
     header = ["approach", "seeds", "success over seeds", "worst", "best"]
-    head = "".join(f'<th scope="col"><button>{escape(name)}</button></th>' for name in header)
     rows = []
     for item in table.seeds:
         value, low, high, runs = item.success
@@ -88,38 +98,93 @@ def seeds_table(table: ComparisonTable) -> str:
         name = f'<th scope="row">{escape(item.approach)}</th>'
         rows.append(f"<tr>{name}{_cell(runs, str(runs))}{_cell(value, span)}{worst_best}</tr>")
     note = "Over training seeds: interquartile mean over seeds and kinds of worlds, 95 % bootstrap."
-    return f"<p>{note}</p>{_sortable(head, ''.join(rows))}"
+    return f"<p>{note}</p>{_sortable(header, ''.join(rows))}"
 
 
-def measures_table(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> str:
+def measures_table(table: ComparisonTable) -> str:
     """Return every other measure, folded away; nothing if the evaluations have none."""
-    by_folder = {str(e.folder): e.summary.get("metrics") or {} for e in evaluations}
-    measures = [by_folder[row.folder] for row in table.rows]
-    names = list(dict.fromkeys(name for measure in measures for name in measure))
+    names = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     if not names:
         return ""
-    header = ["measure", "unit", "better", *(row.policy for row in table.rows)]
-    head = "".join(f'<th scope="col"><button>{escape(name)}</button></th>' for name in header)
-    body = "".join(
-        _measure_row(name, [measure.get(name) for measure in measures]) for name in names
+    header = ["measure", "better", "policy", "mean", "n"]
+    header += [f"mean over {table.finished_by_all:,} episodes where all succeed", "n of these"]
+    if table.reference:
+        header += [f"difference to {table.reference}", "pairs", "p"]
+    found = [
+        (row, m) for name in names for row in table.rows for m in row.metrics if m.name == name
+    ]
+    body = "".join(_measure_row(row, metric, bool(table.reference)) for row, metric in found)
+    errors = ", ".join(f"{row.policy} {row.errors:,}" for row in table.rows if row.errors)
+    title = "All measures" + f"; episodes that raised an error: {errors}" * bool(errors)
+    note = (
+        "Means with 95 % bootstrap intervals. What grows with an episode's length (time, path, "
+        "turning, standing still) is taken over successes: who crashes early drives no short way. "
+        "Only where all succeed do the means of two policies tell of the same episodes; "
+        "differences and p are of a paired bootstrap over the episodes where both have the measure."
     )
-    title = "All measures, means over all episodes with 95 % intervals"
-    return f"<details><summary>{title}</summary>\n{_sortable(head, body)}</details>\n"
+    return (
+        f'<details class="measures"><summary>{escape(title)}</summary>\n<p>{note}</p>'
+        f"{_sortable(header, body, num_words=3)}</details>\n"
+    )
 
 
-def _measure_row(name: str, measures: Sequence[Mapping | None]) -> str:
-    known = next(measure for measure in measures if measure)
-    cells = [f'<th scope="row">{escape(name)}</th>']
-    cells += [f"<td>{escape(str(known.get(key) or ''))}</td>" for key in ("unit", "better")]
-    for measure in measures:
-        over_all = (measure or {}).get("all") or {}
-        cells.append(_cell(over_all.get("mean"), _measured(over_all)))
+def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bool) -> str:
+    cells = [f'<th scope="row">{escape(metric.name)}</th>']
+    cells += _words(_BETTER[metric.name], row.policy + "*" * row.cheats)
+    for estimate, over in ((metric.own, f" {metric.over}"), (metric.common, "")):
+        cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}{over}")]
+    difference = metric.difference
+    if has_reference and (difference is None or not difference.n):
+        cells += [_cell(None, "")] * 3
+    elif has_reference:
+        cells += [_estimate_cell(difference, "+"), _cell(difference.n, f"{difference.n:,}")]
+        cells.append(_cell(difference.p_value, escape(p_value_text(difference.p_value))))
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def _measured(values: Mapping) -> str:
-    if values.get("mean") is None:
+def _words(*texts: str) -> list[str]:
+    return [f'<td class="words">{escape(text)}</td>' for text in texts]
+
+
+def _estimate_cell(estimate: Estimate | PairedDifference, sign: str) -> str:
+    low, high = (f"{bound:{sign}.3g}" for bound in (estimate.low, estimate.high))
+    span = f"{estimate.value:{sign}.3g} <small>[{low}, {high}]</small>"
+    return _cell(estimate.value if estimate.n else None, span)
+
+
+def episodes_table(
+    table: ComparisonTable,
+    evaluations: Sequence[Evaluation],
+    players: Mapping[tuple[str, int], int],
+) -> str:
+    """Return a row for each episode that the player has; a click opens it. Nothing without any.
+
+    Args:
+        table: Of one suite.
+        evaluations: Those of the table, at least.
+        players: Number in the player of a recording, by the evaluation's folder and the index.
+    """
+    rows = []
+    for row, evaluation in zip(table.rows, members(table, evaluations), strict=True):
+        for index, cells in evaluation.episodes.items():
+            player = players.get((row.folder, index))
+            if player is not None:
+                rows.append((player, _episode_row(row.policy, index, cells, player)))
+    if not rows:
         return ""
-    interval = values.get("interval")
-    span = f" <small>[{interval[0]:.3g}, {interval[1]:.3g}]</small>" if interval else ""
-    return f"{values['mean']:.3g}{span}"
+    header = ["episode", "policy", "world", "how it ended", "after, s"]
+    header.append("closest to a pedestrian, m")
+    body = "".join(text for _, text in sorted(rows))
+    note = "Recorded episodes: a click on one opens it in the player below."
+    return f"<p>{note}</p>{_sortable(header, body, num_words=4)}"
+
+
+def _episode_row(policy: str, index: int, row: Mapping[str, str], player: int) -> str:
+    ending = ending_of_row(row)
+    link = f'<a href="#player">{index}</a>'
+    cells = [f'<th scope="row" data-value="{index}">{link}</th>']
+    cells += _words(policy, row.get("scenario", ""), ENDINGS.get(ending, (ending,))[0])
+    for name, decimals in (("time_s", 1), ("min_pedestrian_distance_m", 2)):
+        value = float(row.get(name) or "nan")
+        cells.append(_cell(value if math.isfinite(value) else None, f"{value:.{decimals}f}"))
+    return f'<tr class="opens" data-episode="{player}">{"".join(cells)}</tr>'

@@ -1,12 +1,39 @@
 "use strict";
 // Figures into their places, and tables that sort by a click on a heading.
 
-const CONFIG = { responsive: true, displaylogo: false };
+const CONFIG = {
+  responsive: true, displaylogo: false,
+  modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
+};
 
-for (const [name, figure] of Object.entries(
-  JSON.parse(document.getElementById("figures").textContent)
-)) {
-  Plotly.newPlot(name, figure.data, figure.layout, CONFIG);
+const FIGURES = JSON.parse(document.getElementById("figures").textContent);
+
+const openEpisode = (number) =>
+  document.dispatchEvent(new CustomEvent("openepisode", { detail: number }));
+
+/** Draw a figure; a click on a recorded episode opens it. One that is folded away waits. */
+function drawFigure(place) {
+  const figure = FIGURES[place.id];
+  if (place.data || place.closest("details:not([open])")) return;
+  Plotly.newPlot(place, figure.data, figure.layout, CONFIG).then(() =>
+    place.on("plotly_click", ({ points }) => {
+      if (Number.isInteger(points[0].customdata) && points[0].data.type === "heatmap") {
+        openEpisode(points[0].customdata);
+      }
+    }));
+}
+
+const drawFigures = (root) => root.querySelectorAll("figure .plot").forEach(drawFigure);
+
+drawFigures(document);
+for (const folded of document.querySelectorAll("details")) {
+  folded.addEventListener("toggle", () => drawFigures(folded));
+}
+for (const row of document.querySelectorAll("tr.opens")) {
+  row.addEventListener("click", (event) => {
+    event.preventDefault(); // the link is for the keyboard
+    openEpisode(Number(row.dataset.episode));
+  });
 }
 
 function sortValue(row, column) {

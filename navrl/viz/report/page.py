@@ -10,18 +10,23 @@ from pathlib import Path
 
 import navrl
 from navrl.evaluation.comparison import ComparisonTable, compare
-from navrl.evaluation.stored import Evaluation
-from navrl.viz.report.episodes import episode_data
-from navrl.viz.report.html_tables import comparison_table, measures_table, seeds_table
+from navrl.viz.report.html_tables import (
+    comparison_table,
+    episodes_table,
+    measures_table,
+    seeds_table,
+)
+from navrl.viz.report.player import player_episodes, player_section
 from navrl.viz.report.sources import Sources, find_sources
+from navrl.viz.report.verdict import headline, verdict
 
-_SIGNIFICANT = 0.05
+_UNFOLDED = 3  # evaluations that are shown at once; a click unfolds the others
 
 
 def write_report(
     folders: Iterable[str | Path],
     file: str | Path,
-    reference: str = "paper",
+    reference: str | None = None,
     num_episodes: int = 12,
 ) -> Path:
     """Gather runs, evaluations and recorded episodes into one HTML page that needs no network.
@@ -29,7 +34,8 @@ def write_report(
     Args:
         folders: Everything below them counts.
         file: ``.html``; missing folders are made.
-        reference: The policy that the others are compared with.
+        reference: The policy that the others are compared with; if ``None``, ``paper`` or, where
+            there is none, the best that does not read the true state.
         num_episodes: Recorded episodes to put in, lost ones first; each takes some 300 kB.
 
     Returns:
@@ -59,13 +65,14 @@ def _need_plotly() -> None:
         raise ImportError("a report needs plotly: pip install 'navrl[report]'") from error
 
 
-def _page(sources: Sources, reference: str) -> str:
+def _page(sources: Sources, reference: str | None) -> str:
     from plotly.offline import get_plotlyjs
 
     figures = _Figures()
-    sections = [*_evaluation_sections(sources.evaluations, reference, figures)]
-    sections += [*_training_section(sources.logs, figures), *_player_section(sources)]
-    episodes = [episode_data(name, recording) for name, recording in sources.recordings]
+    tables = compare(sources.evaluations, reference) if sources.evaluations else []
+    sections = [*_evaluation_sections(tables, sources, figures)]
+    sections += _training_section(sources.logs, figures)
+    sections.append(player_section(sources, _to_record(tables)))
     title = f"navrl: {', '.join(folder.resolve().name for folder in sources.folders)}"
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -86,9 +93,11 @@ def _page(sources: Sources, reference: str) -> str:
 <main>
 {_contents_list(sections)}{"".join(sections)}</main>
 <script type="application/json" id="figures">{_embedded(figures.by_name)}</script>
-<script type="application/json" id="episodes">{_embedded(episodes)}</script>
+<script type="application/json" id="episodes">{_embedded(player_episodes(sources))}</script>
 <script>
 {_asset("page.js")}</script>
+<script>
+{_asset("drawing.js")}</script>
 <script>
 {_asset("player.js")}</script>
 </body>
@@ -118,70 +127,66 @@ class _Figures:
 
 
 def _evaluation_sections(
-    evaluations: Sequence[Evaluation], reference: str, figures: _Figures
+    tables: Sequence[ComparisonTable], sources: Sources, figures: _Figures
 ) -> list[str]:
     from navrl.viz.report import charts
 
-    if not evaluations:
+    if not tables:
         return []
-    sections = [
-        _evaluation(table, evaluations, figures) for table in compare(evaluations, reference)
-    ]
-    chart = figures.place(charts.rates_chart(evaluations), "Over speed and number of pedestrians")
+    sections = []
+    for i, table in enumerate(tables):
+        played = max(row.episodes for row in table.rows)
+        name = f"{table.title} in {table.simulator}, {played:,} episodes ({table.suite_hash[:8]})"
+        heading = f"<h2>{escape(name)}</h2>"
+        content = _evaluation(table, sources, figures)
+        if i >= _UNFOLDED:
+            summary = f"{heading}<p>{escape(headline(table))}.</p>"
+            heading, content = "", f"<details><summary>{summary}</summary>\n{content}</details>\n"
+        sections.append(f'<section class="evaluation">{heading}\n{content}</section>\n')
+    chart = figures.place(
+        charts.rates_chart(sources.evaluations), "Over speed and number of pedestrians"
+    )
     return [*sections, f"<section><h2>Harder episodes</h2>{chart}</section>\n" if chart else ""]
 
 
-def _evaluation(
-    table: ComparisonTable, evaluations: Sequence[Evaluation], figures: _Figures
-) -> str:
+def _evaluation(table: ComparisonTable, sources: Sources, figures: _Figures) -> str:
+    """Return what stands below the heading of a suite."""
     from navrl.viz.report import charts
 
+    evaluations = sources.evaluations
+    players = _players(sources)
+    episodes = episodes_table(table, evaluations, players)
+    click = " A click on a recorded one opens it in the player." if episodes else ""
     places = [
         figures.place(charts.success_chart(table), "Success", "Lines: 95 % Wilson intervals."),
         figures.place(charts.outcome_chart(table, evaluations), "How episodes ended"),
         figures.place(charts.world_chart(table, evaluations), "Success by kind of world"),
         figures.place(
-            charts.episode_chart(table, evaluations),
+            charts.episode_chart(table, evaluations, players),
             "Each episode",
-            "A column is the same episode for every policy.",
+            f"A column is the same episode for every policy.{click}",
         ),
     ]
-    played = max(row.episodes for row in table.rows)
-    heading = f"{table.suite} in {table.simulator}, {played:,} episodes ({table.suite_hash[:8]})"
     return (
-        f'<section class="evaluation"><h2>{escape(heading)}</h2>\n'
-        f'<p class="verdict">{escape(_verdict(table))}</p>\n'
-        f"{comparison_table(table)}{seeds_table(table)}{measures_table(table, evaluations)}"
+        f'<p class="verdict">{escape(verdict(table))}</p>\n'
+        f"{comparison_table(table)}{seeds_table(table)}{measures_table(table)}"
         f"<p>Episodes' hash: <code>{escape(table.suite_hash)}</code></p>\n"
-        f"{''.join(places)}</section>\n"
+        f"{''.join(places)}{episodes}"
     )
 
 
-def _verdict(table: ComparisonTable) -> str:
-    """Say who is best, by how much, and which differences may be chance."""
-    fair = [row for row in table.rows if not row.cheats]
-    if not fair:
-        return "Every controller here reads the true state: these are ceilings, not rivals."
-    best = fair[0]
-    low, high = (f"{100 * bound:.1f}" for bound in best.intervals["success"])
-    text = (
-        f"{best.policy} succeeds in {100 * best.rates['success']:.1f} % [{low}, {high}] "
-        f"of {best.episodes:,} episodes"
-    )
-    if len(fair) > 1:
-        ahead = 100 * (best.rates["success"] - fair[1].rates["success"])
-        text += f", {ahead:.1f} points more than the next, {fair[1].policy}"
-    compared = [row for row in table.rows if row.p_value is not None]
-    if not compared:
-        return text + "."
-    unsure = [row.policy for row in compared if row.p_value >= _SIGNIFICANT]
-    chance = (
-        f"Every difference to {table.reference} is significant (p < {_SIGNIFICANT})."
-        if not unsure
-        else f"Differences to {table.reference} that may be chance (p ≥ {_SIGNIFICANT}): "
-        f"{', '.join(unsure)}."
-    )
-    return f"{text}. {chance}"
+def _to_record(tables: Sequence[ComparisonTable]) -> str | None:
+    """Return the folder of the first table's reference, or of its best."""
+    if not tables:
+        return None
+    rows = tables[0].rows
+    return next((row for row in rows if row.policy == tables[0].reference), rows[0]).folder
+
+
+def _players(sources: Sources) -> dict[tuple[str, int], int]:
+    """Return the number in the player of each episode that an evaluation kept."""
+    places = enumerate(sources.places())
+    return {(str(place[0].folder), place[1]): i for i, place in places if place is not None}
 
 
 # --- trainings and episodes ----------------------------------------------------------------------
@@ -195,14 +200,6 @@ def _training_section(logs: Sequence[Path], figures: _Figures) -> list[str]:
     caption = "Runs NAME_seed_K share a colour. Click a name to hide it."
     place = figures.place(charts.curves_chart(logs), "Learning curves", caption)
     return [f"<section><h2>Training</h2>{place}</section>\n"]
-
-
-def _player_section(sources: Sources) -> list[str]:
-    if not sources.recordings:
-        return []
-    shown, total = len(sources.recordings), sources.num_recordings
-    left_out = f" {shown} of {total} recorded episodes; lost ones first." if shown < total else ""
-    return [_asset("player.html").replace("<!-- left out -->", escape(left_out))]
 
 
 def _contents(sources: Sources) -> str:

@@ -3,40 +3,9 @@
 
 const QUIET = { ...CONFIG, displayModeBar: false };
 const EPISODES = JSON.parse(document.getElementById("episodes").textContent);
-const COLORS = {
-  wall: "#4D4D4D", path: "#7F7F7F", goal: "#009E73", robot: "#CC79A7", people: "#E69F00",
-  scan: "#000000", descriptor: "#009E73", speed: "#0072B2", turn: "#D55E00",
-};
-const SPATIAL_SCALE = [[255, 255, 255], [86, 180, 233], [0, 114, 178]];
-const TEMPORAL_SCALE = [[255, 241, 232], [213, 94, 0], [160, 28, 0]];
 const REWARD_COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"];
-const element = (name) => document.getElementById(name);
 const state = { episode: 0, step: 0, timer: null };
 
-// --- geometry and colour ------------------------------------------------------------------------
-
-function toWorld([x, y, yaw], [px, py]) {
-  const cos = Math.cos(yaw), sin = Math.sin(yaw);
-  return [x + cos * px - sin * py, y + sin * px + cos * py];
-}
-
-function shade(scale, share) {
-  const place = Math.min(Math.max(share, 0), 1) * (scale.length - 1);
-  const low = Math.min(Math.floor(place), scale.length - 2);
-  const mixed = scale[low].map((c, i) => Math.round(c + (place - low) * (scale[low + 1][i] - c)));
-  return `rgb(${mixed.join(",")})`;
-}
-
-function outlines(polygons) {
-  const x = [], y = [];
-  for (const polygon of polygons) {
-    for (const point of [...polygon, polygon[0]]) { x.push(point[0]); y.push(point[1]); }
-    x.push(null); y.push(null);
-  }
-  return { x, y };
-}
-
-const columns = (points) => ({ x: points.map((p) => p[0]), y: points.map((p) => p[1]) });
 const isShown = (layer) => document.querySelector(`.layer[value="${layer}"]`).checked;
 const isHit = (episode, [x, y]) => Math.hypot(x, y) < episode.max_range - 1e-3;
 
@@ -83,6 +52,15 @@ function circle([x, y], radius, line, fillcolor) {
   return { type: "circle", layer: "between", ...box, line, fillcolor: fillcolor || "rgba(0,0,0,0)" };
 }
 
+/** Return a ring about the robot where a lost episode ended: dotted until then, full at the end. */
+function endShapes(episode, step) {
+  const end = episode.action.length;
+  if (episode.outcome === "success") return [];
+  const line = step === end ? { color: COLORS.end, width: 4 }
+    : { color: COLORS.end, width: 2, dash: "dot" };
+  return [{ ...circle(episode.pose[end], 2 * episode.robot_radius, line), layer: "above" }];
+}
+
 function sceneShapes(episode, step) {
   const decided = step < episode.action.length; // after the last step nothing is decided
   const shapes = [];
@@ -93,7 +71,7 @@ function sceneShapes(episode, step) {
   shapes.push(circle(episode.goal, episode.goal_radius, { color: COLORS.goal, width: 2 }));
   const outline = { color: "black", width: 1 };
   shapes.push(circle(episode.pose[step], episode.robot_radius, outline, COLORS.robot));
-  return shapes;
+  return [...shapes, ...endShapes(episode, step)];
 }
 
 function descriptorTraces(episode, step) {
@@ -122,7 +100,7 @@ function sceneTraces(episode, step) {
   const flat = { mode: "lines", hoverinfo: "skip" };
   const traces = [
     { ...outlines(episode.walls), ...flat, fill: "toself", fillcolor: COLORS.wall,
-      line: { width: 0 }, name: "walls" },
+      line: { width: 0 }, name: "walls and furniture" },
     { ...columns(episode.path), ...flat, line: { color: COLORS.path, dash: "dash", width: 1.5 },
       name: "global path" },
     { ...columns(episode.pose.slice(0, step + 1)), ...flat,
@@ -153,9 +131,13 @@ function drawScene(episode, step) {
     xaxis: { title: { text: "x in m" }, range: [left, right], constrain: "domain", zeroline: false },
     yaxis: { title: { text: "y in m" }, range: [bottom, top], scaleanchor: "x",
       constrain: "domain", zeroline: false },
-    legend: { orientation: "h", y: -0.1 },
+    showlegend: false, // the page's own legend stands above
   };
-  return Plotly.react("scene", sceneTraces(episode, step), layout, CONFIG);
+  return Plotly.react("scene", sceneTraces(episode, step), layout, CONFIG).then((scene) =>
+    scene.querySelectorAll(".shapelayer [data-index]").forEach((shape) => {
+      // plotly leaves those of layer "between" that the step before had and this one has not
+      if (Number(shape.dataset.index) >= layout.shapes.length) shape.remove();
+    }));
 }
 
 // --- commands, rewards and attention ------------------------------------------------------------
@@ -237,7 +219,7 @@ function drawAttention(episode, step, name, what, scale) {
 // --- one step -----------------------------------------------------------------------------------
 
 function readout(episode, step) {
-  if (step === episode.action.length) return "The end: nothing more was decided.";
+  if (step === episode.action.length) return `The end: ${episode.ending}. Nothing more was decided.`;
   const [v, w] = episode.action[step];
   const terms = Object.entries(episode.rewards).map(([name, r]) => `${name} ${r[step].toFixed(3)}`);
   const reward = terms.length ? ` Reward: ${terms.join(", ")}.` : "";
@@ -264,6 +246,8 @@ async function choose(index) {
   pause();
   state.episode = index;
   const episode = EPISODES[index];
+  element("episode").value = index;
+  drawLegend(episode);
   element("time").max = episode.action.length;
   element("story").textContent = episode.story;
   await Promise.all([drawCommands(episode), drawRewards(episode)]);
@@ -293,6 +277,10 @@ if (EPISODES.length) {
   element("play").addEventListener("click", () => (state.timer === null ? play() : pause()));
   document.querySelectorAll(".layer").forEach((layer) =>
     layer.addEventListener("change", () => show(state.step)));
+  document.addEventListener("openepisode", ({ detail }) => {
+    element("player").scrollIntoView();
+    choose(detail);
+  });
   choose(0).then(() => { document.body.dataset.ready = "true"; });
 } else {
   document.body.dataset.ready = "true";

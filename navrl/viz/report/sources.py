@@ -18,9 +18,10 @@ class Sources:
 
     Args:
         folders: Where they were looked for.
-        evaluations: Of any suite and simulator.
+        evaluations: Of any suite and simulator; of equal ones, the one with recordings.
         logs: ``metrics.csv`` of trainings.
         recordings: Episodes with a name each, lost ones first, those of each folder in turn.
+        files: Where each of these recordings lies.
         num_recordings: How many there are; ``recordings`` may hold fewer.
     """
 
@@ -28,7 +29,19 @@ class Sources:
     evaluations: tuple[Evaluation, ...]
     logs: tuple[Path, ...]
     recordings: tuple[tuple[str, Recording], ...]
+    files: tuple[Path, ...]
     num_recordings: int
+
+    def places(self) -> list[tuple[Evaluation, int] | None]:
+        """Return the evaluation and the index of each recording that an evaluation kept."""
+        known = {e.folder.resolve(): e for e in self.evaluations}
+        places = []
+        for file in self.files:
+            evaluation, stem = known.get(episode_folder(file)), file.stem
+            index = int(stem) if stem.isdecimal() else None
+            is_kept = evaluation is not None and index in evaluation.episodes
+            places.append((evaluation, index) if is_kept else None)
+        return places
 
 
 def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
@@ -54,23 +67,36 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
     logs = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("metrics.csv")))
     files = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("*.npz")))
     recordings = _in_turn({file: Recording.load(file) for file in files})
+    shown = list(recordings)[:num_episodes]
     if not evaluations and not logs and not recordings:
         places = ", ".join(map(str, folders))
         raise ValueError(f"{places}: no evaluation, no training and no recorded episode there")
     return Sources(
         folders,
-        tuple(evaluations.values()),
+        tuple(_without_copies(evaluations.values())),
         tuple(logs),
-        tuple(recordings[:num_episodes]),
+        tuple((_name(file), recordings[file]) for file in shown),
+        tuple(shown),
         len(recordings),
     )
+
+
+def _without_copies(evaluations: Iterable[Evaluation]) -> list[Evaluation]:
+    """Leave out what was played twice with the same result: once more to record it, say."""
+    kept: dict[tuple, Evaluation] = {}
+    for evaluation in evaluations:
+        played = (evaluation.folder / "episodes.csv").read_bytes()
+        same = (evaluation.setting, evaluation.label, played)
+        if same not in kept or (evaluation.folder / "recordings").is_dir():
+            kept[same] = evaluation
+    return list(kept.values())
 
 
 def _has_evaluation(folder: Path) -> bool:
     return any(file.with_name("episodes.csv").is_file() for file in folder.rglob("summary.json"))
 
 
-def _in_turn(recordings: dict[Path, Recording]) -> list[tuple[str, Recording]]:
+def _in_turn(recordings: dict[Path, Recording]) -> dict[Path, Recording]:
     """Order episodes, lost ones first; no policy with many takes the places of the others."""
     seen: Counter = Counter()
     order = {}
@@ -78,7 +104,7 @@ def _in_turn(recordings: dict[Path, Recording]) -> list[tuple[str, Recording]]:
         won = recording.outcome == "success"
         seen[won, episode_folder(file)] += 1
         order[file] = (won, seen[won, episode_folder(file)])
-    return [(_name(file), recordings[file]) for file in sorted(recordings, key=order.__getitem__)]
+    return {file: recordings[file] for file in sorted(recordings, key=order.__getitem__)}
 
 
 def _name(file: Path) -> str:

@@ -1,0 +1,49 @@
+"""How an episode ended, in the words and colours of the page: who moved into whom, what was hit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from navrl.evaluation.metrics import Trajectory, collision_furniture
+from navrl.evaluation.recording import Recording
+from navrl.sim import Contact
+from navrl.viz.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILLION, YELLOW
+
+ENDINGS = {
+    "success": ("success", GREEN),
+    "moved_into_pedestrian": ("robot moved into a pedestrian", VERMILLION),
+    "run_into": ("pedestrian moved into the robot", PURPLE),
+    "collision_pedestrian": ("collision with a pedestrian, blame not kept", "#EFB08C"),
+    "collision_wall": ("collision with a wall", ORANGE),
+    "collision_furniture": ("collision with furniture", YELLOW),
+    "collision_static": ("collision with a wall or furniture", "#F3D694"),
+    "timeout": ("timeout", BLUE),
+    "error": ("error", BLACK),
+}
+"""Label and colour of each ending; two are of files from before contacts were told apart."""
+
+_PARTS = {
+    "collision_pedestrian": ("moved_into_pedestrian", "run_into"),
+    "collision_static": ("collision_wall", "collision_furniture"),
+}
+_BLAME = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_into"}
+
+
+def ending_of_row(row: Mapping[str, str]) -> str:
+    """Return the key of :data:`ENDINGS` of a row of ``episodes.csv``.
+
+    It is the outcome itself where the columns that split it are missing or empty.
+    """
+    outcome = row["outcome"]
+    set_ = [part for part in _PARTS.get(outcome, ()) if float(row.get(part) or 0) == 1.0]
+    return set_[0] if set_ else outcome
+
+
+def ending_of_recording(recording: Recording) -> str:
+    """Return the key of :data:`ENDINGS` of a recorded episode; what was touched is measured."""
+    if recording.outcome == "collision_static":
+        touched = Trajectory.from_recordings([recording], max_speed=1.0)
+        return "collision_furniture" if collision_furniture(touched)[0] else "collision_wall"
+    if recording.outcome == "collision_pedestrian":
+        return _BLAME.get(recording.contact, recording.outcome)
+    return recording.outcome
