@@ -36,15 +36,15 @@ def verdict(table: ComparisonTable) -> str:
         sentences.append(f"Differences are to {table.reference}")
     tested = [row for row in table.rows if row.p_holm is not None]
     unsure = [row.policy for row in tested if row.p_holm >= _SIGNIFICANT]
-    test = f"exact McNemar test, corrected by Holm for {len(tested)} tests"
+    test = f"by exact McNemar tests, corrected by Holm for {len(tested)}"
     if unsure:
         sentences.append(
-            f"Differences to {table.reference} that may be chance ({test}: p ≥ {_SIGNIFICANT}): "
+            f"Differences to {table.reference} that may be chance (p ≥ {_SIGNIFICANT}) {test}: "
             f"{', '.join(unsure)}"
         )
     elif tested:
         sentences.append(
-            f"Every difference to {table.reference} is significant ({test}: p < {_SIGNIFICANT})"
+            f"Every difference to {table.reference} is significant (p < {_SIGNIFICANT}) {test}"
         )
     return " ".join(f"{sentence}." for sentence in sentences if sentence)
 
@@ -64,6 +64,6 @@ def _ahead_of_next(lead: Lead | None, num_episodes: int) -> str:
     p_text = f"p {p_text}" if p_text.startswith("<") else f"p = {p_text}"
     return (
         f"On the same {num_episodes:,} episodes these are {100 * lead.difference:.1f} points more "
-        f"than the next approach, {lead.second} (paired 95 % interval [{100 * low:+.1f}, {100 * high:+.1f}], "
-        f"exact McNemar {p_text}), which {chance}"
+        f"than the next approach, {lead.second} (paired 95 % interval "
+        f"[{100 * low:+.1f}, {100 * high:+.1f}], exact McNemar {p_text}), which {chance}"
     )
