@@ -29,6 +29,9 @@ STANDS_FOR = {
     "policy=PATH": "policy=paper",
     "000017.npz": "000001.npz",
     "sweep=density policy=all": "sweep=density policy=stand_still",
+    "sweep=density policy=navrl-best,paper": "sweep=density policy=stand_still",
+    "sweep=speed policy=navrl-best,paper": "sweep=speed policy=stand_still",
+    "policy=all simulator=bullet": "policy=paper,dwa simulator=bullet",
     "navrl-suites check table1": "navrl-suites check validation",
     "navrl-suites freeze": "navrl-suites freeze validation",
 }
