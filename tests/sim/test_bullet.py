@@ -352,3 +352,13 @@ def test_a_world_that_rests_stays_as_it_is(place):
     drive(simulator, 0.2, 0.0)
     torch.testing.assert_close(simulator.state().pose[0], rested.pose[0])
     assert simulator.ranges()[0, 0] == before[0, 0]
+
+
+def test_rendering_changes_no_result(place):
+    walk = walker((1.0, 0.0), (3.0, 0.0), speed=0.5)
+    looked_at, alone = (place(scene([WALL_AHEAD], pedestrians=[walk])) for _ in range(2))
+    for _ in range(4):
+        assert looked_at.render(0, 64, 48).std() > 0
+        one, other = drive(looked_at, 0.3, 0.4), drive(alone, 0.3, 0.4)
+        assert torch.equal(one.pose, other.pose) and torch.equal(one.contact, other.contact)
+        assert torch.equal(looked_at.ranges(), alone.ranges())
