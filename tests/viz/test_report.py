@@ -73,6 +73,15 @@ def test_measures_are_over_successes_and_paired(tmp_path):
     assert "mean over 2 episodes where all succeed" in page.read_text()
 
 
+def test_latencies_stand_among_the_measures(tmp_path):
+    write_evaluation(tmp_path / "a", "paper", [WON, HIT])
+    latency = {"calls": 40, "mean_ms": 1.5, "median_ms": 1.4, "p95_ms": 2.2, "max_ms": 3.0}
+    (tmp_path / "a" / "latency.json").write_text(json.dumps(latency))
+    page = write_report([tmp_path], tmp_path / "report.html")
+    found = cells(page, "latency_p95_ms", "paper")
+    assert found[:4] == ["lower", "paper", "2.2", "40 decisions"]
+
+
 def test_without_the_reference_the_best_fair_one_is_compared_with(tmp_path):
     for policy, wins in (("dwa", 2), ("liang", 9), ("oracle", 12), ("subgoal", 3)):
         write_evaluation(tmp_path / policy, policy, [WON] * wins + [HIT] * (12 - wins))

@@ -130,7 +130,8 @@ def measures_table(table: ComparisonTable) -> str:
 
 def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bool) -> str:
     cells = [f'<th scope="row">{escape(metric.name)}</th>']
-    cells += _words(_BETTER[metric.name], row.policy + "*" * row.cheats)
+    better = _BETTER.get(metric.name, "lower")  # latencies are no metric of a trajectory
+    cells += _words(better, row.policy + "*" * row.cheats)
     for estimate, over in ((metric.own, f" {metric.over}"), (metric.common, "")):
         cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}{over}")]
     difference = metric.difference
@@ -148,7 +149,9 @@ def _words(*texts: str) -> list[str]:
 
 def _estimate_cell(estimate: Estimate | PairedDifference, sign: str) -> str:
     low, high = (f"{bound:{sign}.3g}" for bound in (estimate.low, estimate.high))
-    span = f"{estimate.value:{sign}.3g} <small>[{low}, {high}]</small>"
+    span = f"{estimate.value:{sign}.3g}"
+    if not math.isnan(estimate.low):  # latencies have no interval
+        span += f" <small>[{low}, {high}]</small>"
     return _cell(estimate.value if estimate.n else None, span)
 
 
