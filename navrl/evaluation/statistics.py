@@ -250,3 +250,8 @@ def _finite(name: str, values: Sequence[float]) -> np.ndarray:
 def _check_pairs(first: Sequence, second: Sequence) -> None:
     if len(first) != len(second):
         raise ValueError(f"need the same episodes, got {len(first)} and {len(second)}")
+
+
+def p_value_text(value: float) -> str:
+    """Return ``< 0.001`` or three decimals."""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"

@@ -19,7 +19,7 @@ from navrl.evaluation.spreadsheets import (
     metrics_comma_separated,
     seeds_comma_separated,
 )
-from navrl.evaluation.statistics import Estimate
+from navrl.evaluation.statistics import Estimate, p_value_text
 
 NAME = "comparison"
 """Of the files."""
@@ -115,7 +115,7 @@ def _lead_lines(table: ComparisonTable) -> list[str]:
     lead = table.lead
     if lead is None:
         return []
-    p_value = _p_value(lead.p_value)
+    p_value = p_value_text(lead.p_value)
     return [
         "",
         f"The best, `{lead.best}`, against the next, `{lead.second}`, on the same episodes: "
@@ -185,7 +185,7 @@ def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str |
         cells += [_NOTHING] * 3
     elif reference:
         value, low, high, p_value, pairs = difference
-        cells += [f"{value:+.3g} [{low:+.3g}, {high:+.3g}]", f"{pairs:,}", _p_value(p_value)]
+        cells += [f"{value:+.3g} [{low:+.3g}, {high:+.3g}]", f"{pairs:,}", p_value_text(p_value)]
     return cells
 
 
@@ -200,7 +200,7 @@ def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> li
     if reference:
         known = row.difference is not None
         cells.append(_points(row.difference, row.difference_interval) if known else _NOTHING)
-        cells.append(_p_value(row.p_holm) if known else _NOTHING)
+        cells.append(p_value_text(row.p_holm) if known else _NOTHING)
     if has_published:
         cells.append(_published(row))
     return cells
@@ -215,10 +215,6 @@ def _rate(row: ComparisonRow, name: str) -> str:
 def _points(difference: float, interval: tuple[float, float]) -> str:
     low, high = interval
     return f"{100 * difference:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
-
-
-def _p_value(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def _published(row: ComparisonRow) -> str:

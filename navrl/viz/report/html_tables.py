@@ -9,10 +9,10 @@ from html import escape
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
 from navrl.evaluation.metrics import METRICS
 from navrl.evaluation.pairing import MetricComparison
-from navrl.evaluation.statistics import Estimate, PairedDifference
+from navrl.evaluation.statistics import Estimate, PairedDifference, p_value_text
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.report.endings import ENDINGS, ending_of_row
-from navrl.viz.report.verdict import members, p_value_text
+from navrl.viz.report.verdict import members
 
 _RATES = ("success", "collision", "timeout")
 _BETTER = {metric.name: metric.better for metric in METRICS}

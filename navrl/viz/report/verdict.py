@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from navrl.evaluation.comparison import ComparisonTable, Lead
+from navrl.evaluation.statistics import p_value_text
 from navrl.evaluation.stored import Evaluation
 
 _SIGNIFICANT = 0.05
@@ -47,11 +48,6 @@ def verdict(table: ComparisonTable) -> str:
             f"Every difference to {table.reference} is significant (p < {_SIGNIFICANT}) {test}"
         )
     return " ".join(f"{sentence}." for sentence in sentences if sentence)
-
-
-def p_value_text(value: float) -> str:
-    """Return ``< 0.001`` or three decimals."""
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def _ahead_of_next(lead: Lead | None, num_episodes: int) -> str:
