@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from copy import deepcopy
 from functools import partial
 
@@ -17,6 +16,7 @@ from torchrl.objectives.utils import ValueEstimators
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
 from navrl.algos.bound_losses import BoundDDPGLoss
 from navrl.algos.cuda_graph import CapturedUpdates, Move
+from navrl.algos.precision import Precision
 
 
 class NonFiniteUpdateError(FloatingPointError):
@@ -33,9 +33,6 @@ class NonFiniteUpdateError(FloatingPointError):
         self.terms, self.batch = terms, batch
 
 
-_PRECISIONS = {"float32": None, "tfloat32": None, "bfloat16": torch.bfloat16}
-
-
 class DDPG:
     """TorchRL's DDPG loss, its two optimisers and the soft target update.
 
@@ -50,9 +47,9 @@ class DDPG:
         tau: Share of the online weights that enters the target weights after each update.
         max_gradient_norm: Gradients of each network are clipped to this norm.
         loss_function: ``"l2"`` or ``"smooth_l1"`` on the temporal difference.
-        precision: ``"float32"``; ``"bfloat16"`` to run the matrix products under autocast; or
+        precision: ``"float32"``; ``"bfloat16"`` to run the matrix products under autocast;
             ``"tfloat32"`` to round only what goes into them, which a GPU does on the way and a CPU
-            does not. Weights, targets and the optimiser stay float32 in each case.
+            does not; or ``"auto"`` for the fastest, see :class:`navrl.algos.precision.Precision`.
         fused_optimizer: Whether Adam does one pass over memory instead of a dozen.
         cuda_graph: Whether updates are recorded as CUDA graphs and replayed; see
             :class:`navrl.algos.cuda_graph.CapturedUpdates`. Networks must be on a CUDA device. An
@@ -94,17 +91,14 @@ class DDPG:
                 f"actor_learning_rate={actor_learning_rate}, critic_learning_rate="
                 f"{critic_learning_rate}, max_gradient_norm={max_gradient_norm}: must be > 0"
             )
-        if precision not in _PRECISIONS:
-            raise ValueError(f"precision={precision!r}: must be one of {sorted(_PRECISIONS)}")
         self.actor = actor
         self.gamma = gamma
         self.max_gradient_norm = max_gradient_norm
-        self._autocast_dtype = _PRECISIONS[precision]
-        self._rounds_products = precision == "tfloat32"
         self.loss = self._make_loss(actor, critic, loss_function)
         self.loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
         self._actor_weights = list(self.loss.actor_network_params.parameters())
         self._critic_weights = list(self._params(self._critic_name).parameters())
+        self.precision = Precision(precision, self._actor_weights[0].device)
         self._check_graph(cuda_graph, fused_optimizer)
         adam = partial(adam_optimizer, fused=fused_optimizer, capturable=cuda_graph)
         self.actor_optimizer = adam(self._actor_weights, actor_learning_rate)
@@ -229,7 +223,7 @@ class DDPG:
 
     def _gradients(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """Leave clipped gradients in the weights; return the update's scalars."""
-        with self._products():
+        with self.precision.rounding():
             terms = self._losses(batch)
             self.actor_optimizer.zero_grad(set_to_none=True)
             self.critic_optimizer.zero_grad(set_to_none=True)
@@ -252,26 +246,10 @@ class DDPG:
             return weights[0].new_zeros(())
         return torch.nn.utils.clip_grad_norm_(weights, self.max_gradient_norm)
 
-    @contextmanager
-    def _products(self) -> Iterator[None]:
-        """Let a GPU round what it multiplies, if that is asked for."""
-        before = torch.get_float32_matmul_precision()
-        if self._rounds_products:
-            torch.set_float32_matmul_precision("high")
-        try:
-            yield
-        finally:
-            torch.set_float32_matmul_precision(before)
-
     def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
         """Return at least ``loss_actor``, ``loss_value``, ``pred_value`` and ``target_value``."""
-        with self._autocast(batch):
+        with self.precision.autocast():
             return self.loss(batch)
-
-    def _autocast(self, batch: TensorDictBase) -> torch.autocast:
-        device = batch.device or self._actor_weights[0].device
-        is_enabled = self._autocast_dtype is not None
-        return torch.autocast(device.type, self._autocast_dtype, enabled=is_enabled)
 
     def state_dict(self) -> dict:
         """Return weights, target weights and optimiser states.

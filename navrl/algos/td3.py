@@ -68,7 +68,7 @@ class TD3(DDPG):
         return self.num_updates % self.actor_delay == 0
 
     def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
-        with self._autocast(batch):
+        with self.precision.autocast():
             terms = self.loss(batch, with_actor=self._moves_actor)
         if self._moves_actor:
             self._loss_actor.copy_(terms["loss_actor"].detach())

@@ -15,6 +15,7 @@ from torchrl.envs import TransformedEnv
 
 from navrl import benchmarks
 from navrl.algos import DDPG
+from navrl.algos.precision import Precision
 from navrl.benchmarks import Budget, Report, Row, Series
 from navrl.build.environment import (
     make_device,
@@ -133,7 +134,7 @@ def _update(cfg: DictConfig) -> Results:
             functools.partial(_learner, cfg, shapes),
             {key: shapes[key] for key in actor.in_keys},
             cfg.replay.batch_size,
-            cfg.algorithm.precision,
+            Precision(cfg.algorithm.precision, torch.device(device)).name,
             _budget(cfg),
             num_threads(cfg),
             device,
@@ -171,7 +172,6 @@ def _gpu(cfg: DictConfig) -> Results:
         return [f"gpu: needs {missing}"]
     cfg, effort = cfg.copy(), cfg.effort
     cfg.device, cfg.num_worlds = "cuda", effort.gpu_worlds
-    cfg.algorithm.precision = "tfloat32"  # as hardware=gpu trains
     env = _maker(on_cpu(cfg))(1)
     shapes = observation_shapes(env)
     env.close()

@@ -34,6 +34,7 @@ def main(cfg: DictConfig) -> float:
     record_command(folder)
     build.set_threads(cfg)
     trainer = build.make_trainer(cfg, folder)
+    log.info("updates in %s", trainer.algorithm.precision.name)
     gc.collect()
     gc.freeze()  # all that is there by now stays: no need to look for garbage in it, over and over
     progress = trainer.run()

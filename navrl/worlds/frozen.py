@@ -130,15 +130,15 @@ def frozen_names() -> list[str]:
 
 
 def episodes_hash(scenarios: Sequence[Scenario]) -> str:
-    """Return the SHA-256 of all scenarios' canonical JSON, as hexadecimal digits."""
+    """Return the SHA-256 of all scenarios' fingerprints, as hexadecimal digits."""
     digest = hashlib.sha256()
     for scenario in scenarios:
-        digest.update(scenario.to_json().encode() + b"\n")
+        digest.update(scenario.fingerprint().encode() + b"\n")
     return digest.hexdigest()
 
 
 def _digest(scenario: Scenario) -> str:
-    return hashlib.sha256(scenario.to_json().encode()).hexdigest()[:_DIGITS]
+    return hashlib.sha256(scenario.fingerprint().encode()).hexdigest()[:_DIGITS]
 
 
 def _short(text: str) -> str:

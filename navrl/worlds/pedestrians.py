@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navrl.worlds.planner import Field, Grid, NoPathError, resample
+from navrl.worlds.planner import Field, Grid, NoPathError, length, resample
 from navrl.worlds.scenario import MAX_ROUTE_POINTS, Pedestrian
 
 _TRIES = 30
@@ -90,11 +90,11 @@ class PedestrianPlacer:
 
     def _walker(self, route: np.ndarray, speed: float) -> Pedestrian:
         """Start somewhere on the way there or back, but not near the robot."""
-        length = float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
+        there = float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
         for _ in range(_TRIES):
-            offset = self.generator.uniform(0.0, 2 * length)
-            along = min(offset, 2 * length - offset)
-            if np.linalg.norm(_at(route, along) - self.path[0]) >= self.start_clearance:
+            offset = self.generator.uniform(0.0, 2 * there)
+            along = min(offset, 2 * there - offset)
+            if length(_at(route, along) - self.path[0]) >= self.start_clearance:
                 return Pedestrian(route, speed, offset, self.half_size)
         raise NoPathError("a pedestrian's route lies wholly at the robot's start")
 
@@ -108,7 +108,7 @@ class PedestrianPlacer:
         for _ in range(_TRIES):
             ends = self.path[self.generator.integers(len(self.path), size=2)]
             ends = ends + self.generator.uniform(-0.6, 0.6, size=(2, 2))
-            apart = np.linalg.norm(ends[0] - ends[1]) >= 2.0
+            apart = length(ends[0] - ends[1]) >= 2.0
             if apart and (self.grid.clearance_at(ends) >= self.inflation).all():
                 return self._route(ends[0], self._field(ends[1]))
         return self._oncoming()
@@ -118,7 +118,7 @@ class PedestrianPlacer:
         for _ in range(_CROSSING_TRIES):
             field = self._shared_field()
             start = self.grid.sample_free(self.generator, self.inflation)
-            if not field.reaches(start) or np.linalg.norm(start - field.goal) < 2.0:
+            if not field.reaches(start) or length(start - field.goal) < 2.0:
                 continue
             route = self._route(start, field)
             gaps = np.linalg.norm(resample(route)[:, None] - self.path[None], axis=-1)
@@ -168,7 +168,7 @@ def simplify(points: np.ndarray, tolerance: float = 0.03) -> np.ndarray:
         way = points[b] - points[a]
         offset = points[a + 1 : b] - points[a]
         off_line = np.abs(way[0] * offset[:, 1] - way[1] * offset[:, 0])
-        off_line = off_line / max(np.linalg.norm(way), 1e-9)
+        off_line = off_line / max(length(way), 1e-9)
         worst = int(off_line.argmax())
         if off_line[worst] > tolerance:
             middle = a + 1 + worst

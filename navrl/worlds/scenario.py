@@ -14,6 +14,7 @@ MAX_ROUTE_POINTS = 32
 MAX_PATH_POINTS = 200
 """Most points that a global path may have."""
 _FORMAT = "navrl-scenario-1"
+_DECIMALS = 6  # of metres and radians in a fingerprint
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,13 @@ class Scenario:
         """Return canonical JSON: sorted keys, no spaces."""
         return json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
 
+    def fingerprint(self) -> str:
+        """Return :meth:`to_json` with lengths and angles rounded to 1e-6, for hashes.
+
+        An arctangent's last bit depends on the processor's instructions; a micrometre does not.
+        """
+        return json.dumps(_rounded(self.to_dict()), sort_keys=True, separators=(",", ":"))
+
     @classmethod
     def from_json(cls, text: str) -> Scenario:
         """Rebuild from :meth:`to_json`."""
@@ -176,3 +184,12 @@ class Scenario:
     def load(cls, file: str | Path) -> Scenario:
         """Read what :meth:`save` wrote."""
         return cls.from_json(Path(file).read_text())
+
+
+def _rounded(value: object) -> object:
+    """Round all floats of plain data, with one zero instead of two."""
+    if isinstance(value, float):
+        return round(value, _DECIMALS) + 0.0
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    return [_rounded(item) for item in value] if isinstance(value, list) else value

@@ -89,7 +89,7 @@ class Suite:
         return ScenarioBatch.pack(self.scenarios(num_workers=num_workers))
 
     def hash(self, scenarios: list[Scenario] | None = None) -> str:
-        """Return the SHA-256 of all scenarios' canonical JSON, as hexadecimal digits.
+        """Return the SHA-256 of all scenarios' fingerprints, as hexadecimal digits.
 
         Args:
             scenarios: All of them, if they were generated already.

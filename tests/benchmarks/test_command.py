@@ -7,8 +7,10 @@ import sys
 from importlib.util import find_spec
 
 import pytest
+import torch
 
 from navrl import build
+from navrl.algos.precision import choose_precision
 from navrl.build.benchmark import ROWS
 from navrl.config import compose
 from navrl.viz import plot_benchmark
@@ -69,7 +71,7 @@ def test_every_bar_of_the_table_is_there(run):
         "memory.worlds": (1000, False),
         "growth.beams": (1, False),
         "growth.boxes": (1, False),
-        "update.bfloat16.share": (50, True),
+        f"update.{choose_precision(torch.device('cpu'))}.share": (50, True),
         "training.environment": (10, False),
         "latency.p99": (3, False),
     }

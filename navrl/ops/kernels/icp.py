@@ -62,13 +62,16 @@ def gather(rows, columns, gathered):
 
 @reordering_scalar
 def weigh_pairs(returns, squared, gate_squared, weights):
-    """Write 1 for each pair within the gate, else 0; return their number and squared sum."""
+    """Write 1 for each pair within the gate, else 0; return their number and squared sum.
+
+    A point that is no return was not searched, so its ``squared`` may hold anything, NaN too.
+    """
     number, total = 0.0, 0.0
     for index in range(squared.shape[0]):
         weight = returns[index] if squared[index] <= gate_squared else 0.0
         weights[index] = weight
         number += weight
-        total += weight * squared[index]
+        total += squared[index] if weight > 0.0 else 0.0
     return number, total
 
 
