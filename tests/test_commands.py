@@ -20,11 +20,21 @@ SHORTER = {
     ),
     "navrl-compare": (),
     "navrl-plot": (),
+    "navrl-publish": (),
     "navrl-report": (),
     "navrl-suites": (),
 }
+RUN = "outputs/train/2026-11-23_12-00-00"
+MINE = "navrl-train --config-dir my_conf experiment=mine"
 # A run of somebody's; a policy that takes no time; a suite whose episodes are soon made anew.
 STANDS_FOR = {
+    "resume=FOLDER": f"resume={RUN}",
+    "resume=outputs/train/<time>": f"resume={RUN}",
+    "RUN OUT --evaluations FOLDER": f"{RUN} bundle --evaluations {RUN}/evaluation",
+    "recording=FILE": f"recording={RUN}/episode.npz",
+    "experiment=NAME": "experiment=paper",
+    "source=navrl/policies/zoo": f"source={pages.ROOT / 'navrl/policies/zoo'}",
+    "navrl-evaluate -m policy=all": "navrl-evaluate -m policy=stand_still,dwa",
     "policy=FOLDER": "policy=paper",
     "policy=PATH": "policy=paper",
     "000017.npz": "000001.npz",
@@ -35,7 +45,6 @@ STANDS_FOR = {
     "navrl-suites check table1": "navrl-suites check validation",
     "navrl-suites freeze": "navrl-suites freeze validation",
 }
-RUN = "outputs/train/2026-11-23_12-00-00"
 # Several machines, a scheduler or a service that a test has not: what they choose is composed.
 ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "collector=ray")
 # What may be missing here, hardware or an optional dependency, which must be told in a line.
@@ -54,6 +63,7 @@ OTHERS = {
     "ray start --head --port=6379",
     "ray start '--address=<head>:6379'",
     "sbatch --cpus-per-task=8",
+    MINE,  # the last test
 }
 OWN_TESTS = {"extending.md"}  # tests/test_extending.py
 PAGES = [page for page in pages.PAGES if pages.commands(page) and page.name not in OWN_TESTS]
@@ -83,7 +93,8 @@ def shortened(command: str) -> tuple[str, tuple[str, ...]]:
         extra = (*extra, "rows=[scan]")  # tests/benchmarks has all
     if "collector.num_workers=" in command:
         extra = (*extra, "collector.num_workers=2")
-    if not re.search(r" -m |hydra\.run\.dir=|resume=|^navrl-(plot|report|compare|suites)", command):
+    others = "plot|report|compare|publish|suites"
+    if not re.search(rf" -m |hydra\.run\.dir=|resume=|^navrl-({others})", command):
         # the default folder is named by the second: too coarse for what runs in less
         extra = (*extra, f"hydra.run.dir=outputs/{len(os.listdir('outputs'))}")
     if "num_processes=" in command:
@@ -116,7 +127,21 @@ def check(command: str, capsys) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
 def test_printed_commands_run(page, folder, capsys):
     for command in pages.commands(page):
-        if shlex.split(command)[0] not in SHORTER:
-            assert any(command.startswith(other) for other in OTHERS), command
+        if any(command.startswith(other) for other in OTHERS):
             continue
+        assert shlex.split(command)[0] in SHORTER, command
         check(command, capsys)
+
+
+def test_a_readers_own_folder_of_configs_needs_no_edit_here(folder, monkeypatch):
+    page = pages.ROOT / "docs" / "configuration.md"
+    assert MINE in pages.commands(page)
+    for name, text in pages.files(page).items():
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text(text)
+    (folder / "my_package.py").write_text(
+        "from torchrl.envs import Transform\n\n\nclass Jitter(Transform):\n    pass\n"
+    )
+    monkeypatch.syspath_prepend(str(folder))
+    pages.run(MINE, *SHORTER["navrl-train"], "hydra.run.dir=mine")
+    assert "_target_: my_package.Jitter" in (folder / "mine" / "config.yaml").read_text()

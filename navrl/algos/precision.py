@@ -16,7 +16,7 @@ def choose_precision(device: torch.device) -> str:
     """Return the precision that updates are fastest in.
 
     A GPU rounds what it multiplies on the way in. A CPU with instructions for bfloat16 takes half
-    the time with it; any other has to emulate it, which takes thirty times as long as float32.
+    the time with it; any other has to emulate it, which takes nine times as long as float32.
     """
     if device.type == "cuda":
         return "tfloat32"

@@ -46,8 +46,11 @@ def files(page: Path) -> dict[str, str]:
 
 
 def commands(page: Path) -> list[str]:
-    """Return the page's shell commands, each in one line, without prompt and comment."""
-    lines = []
+    """Return the page's shell commands, each in one line, without prompt and comment.
+
+    They are in blocks, or within the text if they have at least one argument.
+    """
+    lines = re.findall(r"`(navrl-[a-z]+ [^`]+)`", re.sub(r"(?ms)^```.*?^```", "", page.read_text()))
     for language in SHELLS:
         for block in blocks(page, language):
             text = re.sub(r"\\\n\s*", " ", block)
