@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pages
@@ -143,5 +144,8 @@ def test_a_readers_own_folder_of_configs_needs_no_edit_here(folder, monkeypatch)
         "from torchrl.envs import Transform\n\n\nclass Jitter(Transform):\n    pass\n"
     )
     monkeypatch.syspath_prepend(str(folder))
-    pages.run(MINE, *SHORTER["navrl-train"], "hydra.run.dir=mine")
+    try:
+        pages.run(MINE, *SHORTER["navrl-train"], "hydra.run.dir=mine")
+    finally:
+        sys.modules.pop("my_package", None)  # other tests have one of this name too
     assert "_target_: my_package.Jitter" in (folder / "mine" / "config.yaml").read_text()

@@ -21,7 +21,7 @@ WATCHED = [
     "algorithm.actor_learning_rate=0.01",  # so that new weights show
     "collector.steps_per_batch=5",
     "curriculum.levels=[1,2]",
-    "schedule.total_frames=240",
+    "schedule.total_frames=400",
     "schedule.evaluate_every_updates=5",
     "schedule.checkpoint_every_s=1000",
 ]
@@ -80,8 +80,8 @@ def test_workers_feed_the_learner_and_follow_it(kind, tmp_path, monkeypatch):
     monkeypatch.setenv("RAY_worker_niceness", "0")  # Ray's default, 15, starves on a busy machine
     watched = Watched(tmp_path, kind)
     progress = watched.trainer.run()
-    assert progress.frames == 240
-    assert progress.updates == (240 - 40) // 8
+    assert progress.frames == 400
+    assert progress.updates == (400 - 40) // 8
     for worker in (0, 1):
         assert watched.version(worker, 0) == 0
         assert watched.version(worker, -1) > 1, "no new weights arrived"
