@@ -162,14 +162,14 @@ class Scenario:
 
     def to_json(self) -> str:
         """Return canonical JSON: sorted keys, no spaces."""
-        return json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
+        return _canonical(self.to_dict())
 
     def fingerprint(self) -> str:
         """Return :meth:`to_json` with lengths and angles rounded to 1e-6, for hashes.
 
         An arctangent's last bit depends on the processor's instructions; a micrometre does not.
         """
-        return json.dumps(_rounded(self.to_dict()), sort_keys=True, separators=(",", ":"))
+        return _canonical(_rounded(self.to_dict()))
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:
@@ -184,6 +184,10 @@ class Scenario:
     def load(cls, file: str | Path) -> Scenario:
         """Read what :meth:`save` wrote."""
         return cls.from_json(Path(file).read_text())
+
+
+def _canonical(plain: dict) -> str:
+    return json.dumps(plain, sort_keys=True, separators=(",", ":"))
 
 
 def _rounded(value: object) -> object:

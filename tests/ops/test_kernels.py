@@ -11,6 +11,7 @@ from rooms import sample_scan_pairs
 
 from navrl.ops.grouping import tagd
 from navrl.ops.icp import PAPER, ROBUST, align
+from navrl.ops.kernels.icp import weigh_pairs
 from navrl.ops.kernels.nearest import SMALLEST, WINDOW
 from navrl.ops.kernels.rotation_search import search_rotation
 from navrl.ops.pooling import min_pool
@@ -202,3 +203,11 @@ def test_gradients_take_the_torch_form():
     with pytest.raises(ValueError, match="auto, numba, torch"):
         min_pool(ranges, 8, backend="c")
     assert min_pool(ranges.detach().half(), 8).points.dtype == torch.float16
+
+
+def test_points_that_were_not_searched_add_nothing_to_the_error():
+    """What a point without a return holds is whatever was in memory: NaN, infinity, anything."""
+    returns, weights = np.array([1.0, 0.0, 0.0, 1.0]), np.empty(4)
+    squared = np.array([0.25, np.nan, np.inf, 9.0], dtype=np.float32)
+    assert weigh_pairs(returns, squared, 1.0, weights) == (1.0, 0.25)
+    assert weights.tolist() == [1.0, 0.0, 0.0, 0.0]
