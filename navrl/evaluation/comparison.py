@@ -38,8 +38,9 @@ class ComparisonRow:
         common_time: s to the goal, mean over the episodes that all policies of the table win.
         difference: Success rate less the reference's, on the same episodes; ``None`` of the
             reference itself and where there is none.
-        difference_interval: 95 % paired bootstrap interval of it; ``None`` likewise.
-        p_value: Of that difference, exact McNemar test; ``None`` likewise.
+        difference_interval: 95 % interval of it, NaN where it is not known; ``None`` likewise.
+        p_value: Of that difference, exact McNemar test; ``None`` likewise and from fewer than 6
+            episodes.
         p_holm: The same, corrected by Holm for the number of such tests in the table.
         metrics: Every other metric, with intervals and paired differences.
         published: The paper's own figures: rates in [0, 1] and ``time`` in s; empty without any,
@@ -73,15 +74,20 @@ class Lead:
         best: Its label.
         second: Label of the best of another approach: seeds of one are no rivals.
         difference: Success rate of the former less that of the latter, on the same episodes.
-        difference_interval: 95 % paired bootstrap interval of it.
-        p_value: Of that difference, exact McNemar test.
+        difference_interval: 95 % interval of it, NaN where it is not known.
+        p_value: Of that difference, exact McNemar test; ``None`` from fewer than 6 episodes.
     """
 
     best: str
     second: str
     difference: float
     difference_interval: tuple[float, float]
-    p_value: float
+    p_value: float | None
+
+    @property
+    def is_tie(self) -> bool:
+        """Whether the two succeed equally often."""
+        return self.difference == 0
 
 
 @dataclass(frozen=True)

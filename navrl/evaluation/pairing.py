@@ -62,8 +62,8 @@ class MetricComparison:
         common: The same over the episodes that all compared runs finish; of all runs the same ones.
             Nothing of collisions, which those have none of.
         difference: Mean of the run less the reference over the episodes where both have a value
-            (and both succeed, of what is ``over`` successes), by paired bootstrap; ``None`` of the
-            reference.
+            (and both succeed, of what is ``over`` successes), with a sign-flip test; ``None`` of
+            the reference.
     """
 
     name: str
@@ -108,8 +108,10 @@ def compare_metrics(
 
 def success_difference(
     evaluation: Evaluation, reference: Evaluation
-) -> tuple[PairedDifference, float]:
+) -> tuple[PairedDifference, float | None]:
     """Return the difference in success rate over the same episodes, and its exact McNemar p-value.
+
+    The p-value is ``None`` from fewer than :data:`navrl.evaluation.statistics.MIN_PAIRS` episodes.
 
     Raises:
         ValueError: If the two did not play the same episodes.
@@ -117,7 +119,8 @@ def success_difference(
     check_same_episodes([reference, evaluation])
     both = sorted(evaluation.success.keys() & reference.success.keys())
     first, second = ([run.success[index] for index in both] for run in (evaluation, reference))
-    return paired_difference(first, second), mcnemar_p_value(first, second)
+    p_value = mcnemar_p_value(first, second)
+    return paired_difference(first, second), None if math.isnan(p_value) else p_value
 
 
 def _rate(flags: Sequence[float]) -> Estimate:

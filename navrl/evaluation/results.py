@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -99,7 +100,8 @@ def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
     Returns:
         For each metric its ``unit``, which is ``better``, and for ``all`` and ``successes``: ``n``,
         how many episodes have a finite value; their ``mean`` with its 95 % ``interval`` (Wilson of
-        what is 0 or 1, else bootstrap) and their ``median``; ``None`` of none.
+        what is 0 or 1, else :func:`navrl.evaluation.bootstrap_mean`; ``None`` where that has none)
+        and their ``median``; ``None`` of none.
     """
     groups = {
         "all": [_metrics(r) for r in records],
@@ -166,7 +168,7 @@ def _summary(values: Sequence[float | None], is_rate: bool) -> dict:
     return {
         "n": count,
         "mean": round(mean, 6),
-        "interval": [round(low, 6), round(high, 6)],
+        "interval": None if math.isnan(low) else [round(low, 6), round(high, 6)],
         "median": round(float(np.median(known)), 6),
     }
 

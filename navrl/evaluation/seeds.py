@@ -23,8 +23,8 @@ class OverSeeds:
         name: ``success_rate``, ``collision_rate`` or ``time_to_goal_s``, of successes.
         unit: SI; ``1`` of a rate.
         estimate: Interquartile mean of all seeds in all kinds of worlds, with its stratified
-            bootstrap interval; ``n`` is the number of seeds. Of times, of the worlds in which every
-            seed succeeds at least once; NaN without any.
+            bootstrap interval, NaN from fewer than 3 seeds; ``n`` is the number of seeds. Of times,
+            of the worlds in which every seed succeeds at least once; NaN without any.
         by_seed: Of each seed over all its episodes, in the order of the seeds; NaN without any.
         worst: Of ``by_seed``.
         best: Of ``by_seed``.

@@ -12,8 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binomtest, bootstrap, trim_mean
 
+from navrl.evaluation.sign_flips import center_interval, sign_flip_p_value
+
+MIN_PAIRS = 6
+"""Fewest values with an interval and pairs with a test: no outcome of 5 has p < 0.05."""
+
+MIN_SEEDS = 3
+"""Fewest training seeds with an interval."""
+
 _SEED = 2024
 _RESAMPLES = 2000  # an interval's end is then known to about 2 % of its width
+_FEW = 50  # values up to which a percentile bootstrap is too narrow: 7 % of intervals miss at 20
+_UNKNOWN = (math.nan, math.nan)
 
 
 class Estimate(NamedTuple):
@@ -22,9 +32,9 @@ class Estimate(NamedTuple):
     value: float
     """The estimate; NaN from no sample."""
     low: float
-    """Lower end of the interval."""
+    """Lower end of the interval; NaN without one."""
     high: float
-    """Upper end of the interval."""
+    """Upper end of the interval; NaN without one."""
     n: int
     """Samples."""
 
@@ -35,11 +45,11 @@ class PairedDifference(NamedTuple):
     value: float
     """Mean difference; NaN from no pair."""
     low: float
-    """Lower end of the interval."""
+    """Lower end of the interval; NaN without one."""
     high: float
-    """Upper end of the interval."""
+    """Upper end of the interval; NaN without one."""
     p_value: float
-    """Two-sided, of no difference."""
+    """Two-sided, of no difference; NaN from fewer than :data:`MIN_PAIRS` pairs."""
     n: int
     """Pairs."""
 
@@ -59,7 +69,7 @@ def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tup
         Wilson, "Probable inference, the law of succession, and statistical inference", 1927.
     """
     if total == 0:
-        return math.nan, math.nan
+        return _UNKNOWN
     interval = binomtest(successes, total).proportion_ci(confidence, method="wilson")
     return float(interval.low), float(interval.high)
 
@@ -75,7 +85,9 @@ def bootstrap_mean(
         resamples: Of the bootstrap.
 
     Returns:
-        Mean and percentile bootstrap interval; of a single value, that value without width.
+        Mean and percentile bootstrap interval; of 50 values or fewer the interval of
+        :func:`navrl.evaluation.sign_flips.center_interval`; none of fewer than
+        :data:`MIN_PAIRS` values, or of values that are all equal.
 
     Raises:
         ValueError: If a value is not finite.
@@ -85,12 +97,9 @@ def bootstrap_mean(
     """
     sample = _finite("values", values)
     if len(sample) == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
-    mean = float(sample.mean())
-    if np.ptp(sample) == 0:
-        return Estimate(mean, mean, mean, len(sample))
-    low, high, _ = _bootstrap(sample, confidence, resamples)
-    return Estimate(mean, low, high, len(sample))
+        return Estimate(math.nan, *_UNKNOWN, 0)
+    interval = _mean_interval(sample, confidence, resamples)
+    return Estimate(float(sample.mean()), *interval, len(sample))
 
 
 def mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
@@ -101,7 +110,7 @@ def mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
         second: Which of the same episodes the second won.
 
     Returns:
-        1 if they won the same ones.
+        1 if they won the same ones; NaN from fewer than :data:`MIN_PAIRS` episodes.
 
     Raises:
         ValueError: If the numbers of episodes differ.
@@ -111,6 +120,8 @@ def mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
         1947, with the binomial distribution in place of the chi-squared approximation.
     """
     _check_pairs(first, second)
+    if len(first) < MIN_PAIRS:
+        return math.nan
     only_first = sum(bool(a) and not b for a, b in zip(first, second, strict=True))
     only_one = sum(bool(a) != bool(b) for a, b in zip(first, second, strict=True))
     return float(binomtest(only_first, only_one).pvalue) if only_one else 1.0
@@ -141,39 +152,31 @@ def paired_difference(
     confidence: float = 0.95,
     resamples: int = _RESAMPLES,
 ) -> PairedDifference:
-    """Return the mean of first - second over the same episodes, by a paired bootstrap.
+    """Return the mean of first - second over the same episodes, with a sign-flip test.
 
-    Pairing takes out that some episodes are long for everybody.
+    Pairing takes out that some episodes are long for every run.
 
     Args:
         first: Finite, one an episode.
         second: Likewise, of the same episodes in the same order.
         confidence: Level in (0, 1).
-        resamples: Of the bootstrap, which draws episodes. The smallest p-value that can be told is
-            1 / (resamples + 1).
+        resamples: Of the bootstrap, which draws episodes.
 
     Returns:
-        Difference, percentile interval, and the p-value: how often the differences, shifted to mean
-        zero, have a mean at least as far from it.
+        Difference; the interval of :func:`bootstrap_mean`; and the p-value that the two runs are
+        exchangeable in each episode: all sign flips of up to 12 pairs, 9,999 drawn ones of more.
 
     Raises:
         ValueError: If the numbers of episodes differ, or a value is not finite.
 
     Reference:
-        Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, Sec. 16.4.
+        :mod:`navrl.evaluation.sign_flips`.
     """
     _check_pairs(first, second)
     differences = _finite("first", first) - _finite("second", second)
-    if len(differences) == 0:
-        return PairedDifference(math.nan, math.nan, math.nan, math.nan, 0)
-    mean = float(differences.mean())
-    if np.ptp(differences) == 0:
-        signs = len(differences) if mean else 0  # all alike: the sign test, as nothing can be drawn
-        return PairedDifference(mean, mean, mean, min(1.0, 2 * 0.5**signs), len(differences))
-    low, high, means = _bootstrap(differences, confidence, resamples)
-    extreme = int((np.abs(means - mean) >= abs(mean)).sum())
-    p_value = (extreme + 1) / (resamples + 1)
-    return PairedDifference(mean, low, high, p_value, len(differences))
+    value, low, high, pairs = bootstrap_mean(differences, confidence, resamples)
+    p_value = sign_flip_p_value(differences, _SEED) if pairs >= MIN_PAIRS else math.nan
+    return PairedDifference(value, low, high, p_value, pairs)
 
 
 def interquartile_mean(scores: np.ndarray) -> float:
@@ -199,8 +202,8 @@ def stratified_bootstrap(
         resamples: Of the bootstrap, which draws runs with replacement, for each task apart.
 
     Returns:
-        Interquartile mean of all R x M scores, percentile interval, and R. Of a single run the
-        interval is NaN: nothing is known of the spread.
+        Interquartile mean of all R x M scores, percentile interval, and R. The interval is NaN from
+        fewer than :data:`MIN_SEEDS` runs and where all resamples agree: the spread is unknown.
 
     Raises:
         ValueError: If ``scores`` is not ``[R, M]`` with at least one score, all finite.
@@ -212,21 +215,23 @@ def stratified_bootstrap(
     if scores.ndim != 2 or scores.size == 0 or not np.isfinite(scores).all():
         raise ValueError(f"scores: need [runs, tasks] of finite numbers, got {list(scores.shape)}")
     value, (runs, tasks) = interquartile_mean(scores), scores.shape
-    if runs == 1:
-        return Estimate(value, math.nan, math.nan, 1)
+    if runs < MIN_SEEDS:
+        return Estimate(value, *_UNKNOWN, runs)
     rows = np.random.default_rng(_SEED).integers(runs, size=(resamples, runs, tasks))
     drawn = np.take_along_axis(scores[None], rows, axis=1).reshape(resamples, -1)
     means = trim_mean(drawn, 0.25, axis=1)
     tail = 50 * (1 - confidence)
     low, high = np.percentile(means, [tail, 100 - tail])
-    return Estimate(value, float(low), float(high), runs)
+    return Estimate(value, *_with_width(float(low), float(high)), runs)
 
 
-def _bootstrap(
-    sample: np.ndarray, confidence: float, resamples: int
-) -> tuple[float, float, np.ndarray]:
-    """Return the percentile interval of the mean, and the means of all resamples."""
-    result = bootstrap(
+def _mean_interval(sample: np.ndarray, confidence: float, resamples: int) -> tuple[float, float]:
+    """Return the interval of a mean, (nan, nan) if the sample tells nothing of its spread."""
+    if len(sample) < MIN_PAIRS or np.ptp(sample) == 0:
+        return _UNKNOWN
+    if len(sample) <= _FEW:
+        return _with_width(*center_interval(sample, confidence, _SEED))
+    interval = bootstrap(
         (sample,),
         np.mean,
         n_resamples=resamples,
@@ -235,9 +240,13 @@ def _bootstrap(
         vectorized=True,
         batch=200,
         rng=np.random.default_rng(_SEED),
-    )
-    interval = result.confidence_interval
-    return float(interval.low), float(interval.high), result.bootstrap_distribution
+    ).confidence_interval
+    return _with_width(float(interval.low), float(interval.high))
+
+
+def _with_width(low: float, high: float) -> tuple[float, float]:
+    """Return an interval, (nan, nan) instead of one without width: no sample is that certain."""
+    return (low, high) if high > low else _UNKNOWN
 
 
 def _finite(name: str, values: Sequence[float]) -> np.ndarray:
@@ -252,6 +261,13 @@ def _check_pairs(first: Sequence, second: Sequence) -> None:
         raise ValueError(f"need the same episodes, got {len(first)} and {len(second)}")
 
 
-def p_value_text(value: float) -> str:
-    """Return ``< 0.001`` or three decimals."""
+def p_value_text(value: float | None) -> str:
+    """Return ``< 0.001`` or three decimals; a dash for a test that was not made."""
+    if value is None or math.isnan(value):
+        return "\N{EN DASH}"
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def interval_text(low: float, high: float, form: str) -> str:
+    """Return ``" [low, high]"`` in a format, or nothing for an interval that is not known."""
+    return "" if math.isnan(low) else f" [{low:{form}}, {high:{form}}]"

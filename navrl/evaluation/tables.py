@@ -19,7 +19,13 @@ from navrl.evaluation.spreadsheets import (
     metrics_comma_separated,
     seeds_comma_separated,
 )
-from navrl.evaluation.statistics import Estimate, p_value_text
+from navrl.evaluation.statistics import (
+    MIN_PAIRS,
+    MIN_SEEDS,
+    Estimate,
+    interval_text,
+    p_value_text,
+)
 
 NAME = "comparison"
 """Of the files."""
@@ -91,13 +97,14 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
     """
     reference = table.reference
     header = ["metric", "policy", "mean", "n", "mean where all succeed", "n"]
-    header += [f"vs `{reference}`", "pairs", "p (bootstrap)"] if reference else []
+    header += [f"vs `{reference}`", "pairs", "p (sign flips)"] if reference else []
     lines = [
         f"#### Metrics on {table.title}, {table.simulator}",
         "",
-        "Means with 95 % bootstrap intervals, of collisions Wilson intervals. What grows with an "
-        "episode's length is taken over successes, latencies over decisions, the rest over all "
-        "episodes; differences over the episodes where both have it.",
+        "Means with 95 % intervals, of collisions Wilson intervals. What grows with an episode's "
+        "length is taken over successes, latencies over decisions, the rest over all episodes; "
+        f"differences over the episodes where both have it. Fewer than {MIN_PAIRS} values have "
+        "neither interval nor test.",
         "",
         "| " + " | ".join(header) + " |",
         "|" + "---|" * len(header),
@@ -115,13 +122,25 @@ def _lead_lines(table: ComparisonTable) -> list[str]:
     lead = table.lead
     if lead is None:
         return []
-    p_value = p_value_text(lead.p_value)
+    if lead.is_tie:
+        rate = next(row.rates["success"] for row in table.rows if row.policy == lead.best)
+        tie = (
+            f"`{lead.best}` and `{lead.second}` tie: {100 * rate:.1f} % of the same episodes each."
+        )
+        return ["", tie]
+    points = _points(lead.difference, lead.difference_interval)
     return [
         "",
         f"The best, `{lead.best}`, against the next, `{lead.second}`, on the same episodes: "
-        f"{_points(lead.difference, lead.difference_interval)} points of success, "
-        f"p {p_value if p_value[0] == '<' else f'= {p_value}'} (McNemar, this test alone).",
+        f"{points} points of success{_test(lead.p_value)}.",
     ]
+
+
+def _test(p_value: float | None) -> str:
+    if p_value is None:
+        return f"; no test with fewer than {MIN_PAIRS} episodes"
+    text = p_value_text(p_value)
+    return f", p {text if text[0] == '<' else f'= {text}'} (McNemar, this test alone)"
 
 
 def _collision_lines(table: ComparisonTable) -> list[str]:
@@ -147,7 +166,8 @@ def _seed_lines(table: ComparisonTable) -> list[str]:
     lines = [
         "",
         "Over training seeds: interquartile mean over seeds and kinds of worlds, 95 % stratified "
-        "bootstrap interval; (worst to best seed). Times are of successes.",
+        f"bootstrap interval from {MIN_SEEDS} seeds on; (worst to best seed). Times are of "
+        "successes.",
         "",
         "| approach | seeds | success | collision | time to goal | episodes each |",
         "|---|---|---|---|---|---|",
@@ -165,7 +185,8 @@ def _over_seeds(found: OverSeeds) -> str:
     value, low, high, worst, best = (
         scale * number for number in (*found.estimate[:3], found.worst, found.best)
     )
-    return f"{value:.1f} {unit} [{low:.1f}, {high:.1f}] ({worst:.1f} to {best:.1f})"
+    interval = interval_text(low, high, ".1f")
+    return f"{value:.1f} {unit}{interval} ({worst:.1f} to {best:.1f})"
 
 
 def _percent(estimate: Estimate) -> str:
@@ -179,13 +200,14 @@ def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str |
     cells = [f"`{metric.name}`", f"`{row.policy}`"]
     for estimate in (own, common):
         value, low, high, count = estimate
-        interval = "" if is_nothing(low) else f" [{low:.3g}, {high:.3g}]"
+        interval = interval_text(low, high, ".3g")
         cells += [f"{value:.3g}{unit}{interval}" if count else _NOTHING, f"{count:,}"]
     if reference and (difference is None or not difference.n):
         cells += [_NOTHING] * 3
     elif reference:
         value, low, high, p_value, pairs = difference
-        cells += [f"{value:+.3g} [{low:+.3g}, {high:+.3g}]", f"{pairs:,}", p_value_text(p_value)]
+        interval = interval_text(low, high, "+.3g")
+        cells += [f"{value:+.3g}{interval}", f"{pairs:,}", p_value_text(p_value)]
     return cells
 
 
@@ -196,7 +218,8 @@ def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> li
         cells.append(_rate(row, name))
     cells.append(_NOTHING if row.time_s is None else f"{row.time_s:.1f} s")
     time = row.common_time
-    cells.append(f"{time.value:.1f} s [{time.low:.1f}, {time.high:.1f}]" if time.n else _NOTHING)
+    interval = interval_text(time.low, time.high, ".1f")
+    cells.append(f"{time.value:.1f} s{interval}" if time.n else _NOTHING)
     if reference:
         known = row.difference is not None
         cells.append(_points(row.difference, row.difference_interval) if known else _NOTHING)
@@ -214,7 +237,7 @@ def _rate(row: ComparisonRow, name: str) -> str:
 
 def _points(difference: float, interval: tuple[float, float]) -> str:
     low, high = interval
-    return f"{100 * difference:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"
+    return f"{100 * difference:+.1f}{interval_text(100 * low, 100 * high, '+.1f')}"
 
 
 def _published(row: ComparisonRow) -> str:

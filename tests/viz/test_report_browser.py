@@ -148,7 +148,9 @@ def text_of(browser, selector):
 def test_the_page_of_two_evaluations_says_what_was_tested(two):
     verdict = text_of(two, ".verdict")
     assert verdict.startswith("paper succeeds in 50.0 % [9.5, 90.5] of 2 episodes. On the same 2")
-    assert "dwa (paired 95 % interval [+0.0, +100.0], exact McNemar p = 1.000)" in verdict
+    assert (
+        "more than the next approach, dwa. There is no test with fewer than 6 episodes." in verdict
+    )
     header = "[...document.querySelector('.measures thead tr').cells].map((c) => c.textContent)"
     assert two.evaluate(header) == [
         *("measure", "better", "policy", "mean", "n"),

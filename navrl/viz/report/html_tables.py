@@ -9,7 +9,14 @@ from html import escape
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
 from navrl.evaluation.metrics import METRICS
 from navrl.evaluation.pairing import MetricComparison
-from navrl.evaluation.statistics import Estimate, PairedDifference, p_value_text
+from navrl.evaluation.statistics import (
+    MIN_PAIRS,
+    MIN_SEEDS,
+    Estimate,
+    PairedDifference,
+    interval_text,
+    p_value_text,
+)
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.report.endings import ENDINGS, ending_of_row
 from navrl.viz.report.verdict import members
@@ -51,16 +58,16 @@ def _row(row: ComparisonRow, has_reference: bool, has_published: bool) -> str:
         _cell(row.episodes, f"{row.episodes:,}" + (f", {row.errors} errors" * bool(row.errors)))
     )
     for name in _RATES:
-        low, high = row.intervals[name]
-        span = f"{100 * row.rates[name]:.1f} % <small>[{100 * low:.1f}, {100 * high:.1f}]</small>"
+        low, high = (100 * bound for bound in row.intervals[name])
+        span = f"{100 * row.rates[name]:.1f} %{_interval(low, high, '.1f')}"
         cells.append(_cell(row.rates[name], span))
     cells.append(_cell(row.time_s, f"{row.time_s or 0:.1f}"))
     value, low, high, count = row.common_time
-    span = f"{value:.1f} <small>[{low:.1f}, {high:.1f}]</small>"
+    span = f"{value:.1f}{_interval(low, high, '.1f')}"
     cells.append(_cell(value if count else None, span))
     if has_reference:
         cells.append(_cell(row.difference, _points(row)))
-        cells.append(_cell(row.p_holm, escape(p_value_text(row.p_holm or 0.0))))
+        cells.append(_cell(row.p_holm, escape(p_value_text(row.p_holm))))
     if has_published:
         success, time = row.published.get("success"), row.published.get("time")
         cells += [_cell(success, f"{100 * (success or 0):.1f} %"), _cell(time, f"{time or 0:.1f}")]
@@ -70,9 +77,13 @@ def _row(row: ComparisonRow, has_reference: bool, has_published: bool) -> str:
 def _points(row: ComparisonRow) -> str:
     if row.difference is None:
         return ""
-    low, high = row.difference_interval
-    span = f"<small>[{100 * low:+.1f}, {100 * high:+.1f}]</small>"
-    return f"{100 * row.difference:+.1f} {span}"
+    low, high = (100 * bound for bound in row.difference_interval)
+    return f"{100 * row.difference:+.1f}{_interval(low, high, '+.1f')}"
+
+
+def _interval(low: float, high: float, form: str) -> str:
+    text = interval_text(low, high, form).strip()
+    return f" <small>{text}</small>" if text else ""
 
 
 def _cell(value: float | None, shown: str) -> str:
@@ -92,12 +103,15 @@ def seeds_table(table: ComparisonTable) -> str:
     rows = []
     for item in table.seeds:
         value, low, high, runs = item.success
-        span = f"{100 * value:.1f} % <small>[{100 * low:.1f}, {100 * high:.1f}]</small>"
+        span = f"{100 * value:.1f} %{_interval(100 * low, 100 * high, '.1f')}"
         ends = min(item.rates), max(item.rates)
         worst_best = "".join(_cell(rate, f"{100 * rate:.1f} %") for rate in ends)
         name = f'<th scope="row">{escape(item.approach)}</th>'
         rows.append(f"<tr>{name}{_cell(runs, str(runs))}{_cell(value, span)}{worst_best}</tr>")
-    note = "Over training seeds: interquartile mean over seeds and kinds of worlds, 95 % bootstrap."
+    note = (
+        "Over training seeds: interquartile mean over seeds and kinds of worlds, 95 % bootstrap "
+        f"interval from {MIN_SEEDS} seeds on."
+    )
     return f"<p>{note}</p>{_sortable(header, ''.join(rows))}"
 
 
@@ -117,10 +131,11 @@ def measures_table(table: ComparisonTable) -> str:
     errors = ", ".join(f"{row.policy} {row.errors:,}" for row in table.rows if row.errors)
     title = "All measures" + f"; episodes that raised an error: {errors}" * bool(errors)
     note = (
-        "Means with 95 % bootstrap intervals. What grows with an episode's length (time, path, "
-        "turning, standing still) is taken over successes: who crashes early drives no short way. "
+        f"Means with 95 % intervals, from {MIN_PAIRS} values on. What grows with an episode's "
+        "length (time, path, turning, standing still) is taken over successes: an episode that "
+        "ends early in a collision has no short path. "
         "Only where all succeed do the means of two policies tell of the same episodes; "
-        "differences and p are of a paired bootstrap over the episodes where both have the measure."
+        "differences are over the episodes where both have the measure, p by sign flips."
     )
     return (
         f'<details class="measures"><summary>{escape(title)}</summary>\n<p>{note}</p>'
@@ -139,7 +154,8 @@ def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bo
         cells += [_cell(None, "")] * 3
     elif has_reference:
         cells += [_estimate_cell(difference, "+"), _cell(difference.n, f"{difference.n:,}")]
-        cells.append(_cell(difference.p_value, escape(p_value_text(difference.p_value))))
+        p_value = None if math.isnan(difference.p_value) else difference.p_value
+        cells.append(_cell(p_value, escape(p_value_text(p_value))))
     return f"<tr>{''.join(cells)}</tr>"
 
 
@@ -148,10 +164,8 @@ def _words(*texts: str) -> list[str]:
 
 
 def _estimate_cell(estimate: Estimate | PairedDifference, sign: str) -> str:
-    low, high = (f"{bound:{sign}.3g}" for bound in (estimate.low, estimate.high))
-    span = f"{estimate.value:{sign}.3g}"
-    if not math.isnan(estimate.low):  # latencies have no interval
-        span += f" <small>[{low}, {high}]</small>"
+    form = f"{sign}.3g"
+    span = f"{estimate.value:{form}}{_interval(estimate.low, estimate.high, form)}"
     return _cell(estimate.value if estimate.n else None, span)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from navrl.evaluation.comparison import ComparisonTable, Lead
-from navrl.evaluation.statistics import p_value_text
+from navrl.evaluation.statistics import MIN_PAIRS, interval_text, p_value_text
 from navrl.evaluation.stored import Evaluation
 
 _SIGNIFICANT = 0.05
@@ -23,11 +23,17 @@ def headline(table: ComparisonTable) -> str:
     best = next((row for row in table.rows if not row.cheats), None)
     if best is None:
         return "Every controller here reads the true state: these are ceilings, not rivals"
-    low, high = (f"{100 * bound:.1f}" for bound in best.intervals["success"])
-    return (
-        f"{best.policy} succeeds in {100 * best.rates['success']:.1f} % [{low}, {high}] "
-        f"of {best.episodes:,} episodes"
-    )
+    low, high = best.intervals["success"]
+    rate = f"{100 * best.rates['success']:.1f} %{interval_text(100 * low, 100 * high, '.1f')}"
+    tied = [
+        row.policy
+        for row in table.rows
+        if not row.cheats and row.rates["success"] == best.rates["success"]
+    ]
+    if len(tied) > 1:
+        names = f"{', '.join(tied[:-1])} and {tied[-1]}"
+        return f"{names} succeed in {rate} of {best.episodes:,} episodes each"
+    return f"{best.policy} succeeds in {rate} of {best.episodes:,} episodes"
 
 
 def verdict(table: ComparisonTable) -> str:
@@ -35,31 +41,49 @@ def verdict(table: ComparisonTable) -> str:
     sentences = [headline(table), _ahead_of_next(table.lead, table.rows[0].episodes)]
     if table.reference not in (None, _USUAL):
         sentences.append(f"Differences are to {table.reference}")
-    tested = [row for row in table.rows if row.p_holm is not None]
-    unsure = [row.policy for row in tested if row.p_holm >= _SIGNIFICANT]
+    sentences += _differences(table)
+    return " ".join(f"{sentence}." for sentence in sentences if sentence)
+
+
+def _differences(table: ComparisonTable) -> list[str]:
+    """Sort the differences to the reference into ties, those that may be chance, and the others."""
+    compared = [row for row in table.rows if row.difference is not None]
+    tested = [row for row in compared if row.p_holm is not None]
+    ties = [row.policy for row in compared if row.difference == 0]
+    unsure = [row.policy for row in tested if row.difference and row.p_holm >= _SIGNIFICANT]
     test = f"by exact McNemar tests, corrected by Holm for {len(tested)}"
+    sentences = [f"Tied with {table.reference}: {', '.join(ties)}"] if ties else []
     if unsure:
         sentences.append(
             f"Differences to {table.reference} that may be chance (p ≥ {_SIGNIFICANT}) {test}: "
             f"{', '.join(unsure)}"
         )
-    elif tested:
+    elif len(tested) > len(ties):
+        every = "Every other" if ties else "Every"
         sentences.append(
-            f"Every difference to {table.reference} is significant (p < {_SIGNIFICANT}) {test}"
+            f"{every} difference to {table.reference} is significant (p < {_SIGNIFICANT}) {test}"
         )
-    return " ".join(f"{sentence}." for sentence in sentences if sentence)
+    elif len(compared) > len(tested):
+        sentences.append(f"There is no test with fewer than {MIN_PAIRS} episodes")
+    return sentences
 
 
 def _ahead_of_next(lead: Lead | None, num_episodes: int) -> str:
     """Say how far the best is ahead of the next on the same episodes; nothing without a next."""
-    if lead is None:
+    if lead is None or lead.is_tie:
         return ""
     low, high = lead.difference_interval
-    chance = "may be chance" if lead.p_value >= _SIGNIFICANT else "is hardly chance"
-    p_text = p_value_text(lead.p_value)
-    p_text = f"p {p_text}" if p_text.startswith("<") else f"p = {p_text}"
+    interval = interval_text(100 * low, 100 * high, "+.1f").strip()
+    found = [f"paired 95 % interval {interval}"] if interval else []
+    chance = ""
+    if lead.p_value is not None:
+        p_text = p_value_text(lead.p_value)
+        found.append(f"exact McNemar p {p_text if p_text[0] == '<' else f'= {p_text}'}")
+        chance = (
+            ", which may be chance" if lead.p_value >= _SIGNIFICANT else ", which is hardly chance"
+        )
+    results = f" ({', '.join(found)})" if found else ""
     return (
         f"On the same {num_episodes:,} episodes these are {100 * lead.difference:.1f} points more "
-        f"than the next approach, {lead.second} (paired 95 % interval "
-        f"[{100 * low:+.1f}, {100 * high:+.1f}], exact McNemar {p_text}), which {chance}"
+        f"than the next approach, {lead.second}{results}{chance}"
     )
