@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl.build.environment import make_device, make_env, make_navigation_env, num_threads
+from navrl.build.inputs import evaluation_inputs
 from navrl.build.playing import finish, play_suite
 from navrl.build.run_folder import claim_folder, flat_values
 from navrl.config import CONF_DIR, instantiate
+from navrl.deploy import PolicyRunner
 from navrl.evaluation import summarize, write_results
+from navrl.evaluation.archive import missing_recordings
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
+from navrl.evaluation.results import EPISODES, SUMMARY
+from navrl.evaluation.stored import whole_results
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.worlds import Scenario
+
+_PARTS = ("transforms", "lidar", "robot")  # that a bundle brings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -69,10 +79,28 @@ def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contende
     bundle = load_bundle(folder, cfg.allow)
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
     actor = actor.to(make_device(cfg))
-    own = {part: bundle.config[part] for part in ("transforms", "lidar", "robot")}
-    return Contender(
-        _policy_name(cfg), actor, _environment(_replaced(cfg, OmegaConf.merge(own, cfg.change)))
-    )
+    return Contender(_policy_name(cfg), actor, _environment(_with_parts(cfg, bundle.config)))
+
+
+def make_runner(cfg: DictConfig) -> PolicyRunner | None:
+    """Return what runs the policy on a robot, as ``cfg.change`` has it; ``None`` of a controller.
+
+    Raises:
+        BundleError: If the bundle is damaged or not allowed.
+    """
+    folder = bundle_folder(cfg.policy)
+    if folder is None:
+        return None
+    bundle = load_bundle(folder, cfg.allow)
+    local = _with_parts(cfg, bundle.config)
+    parts = (instantiate(local[part]) for part in ("lidar", "robot"))
+    return PolicyRunner(instantiate(local.transforms), bundle.actor, *parts)
+
+
+def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
+    """Return a copy of ``cfg`` with a bundle's own parts, changed as ``cfg.change`` says."""
+    own = {part: config[part] for part in _PARTS}
+    return _replaced(cfg, OmegaConf.merge(own, cfg.change))
 
 
 def _policy_name(cfg: DictConfig) -> str:
@@ -83,15 +111,31 @@ def _policy_name(cfg: DictConfig) -> str:
     return folder.name if folder.name != "policy" else folder.parent.name
 
 
-def _weights_hash(bundle: Path | None) -> str:
-    """Tell a bundle's weights and configuration from others'."""
-    if bundle is None:
-        return ""
-    files = (bundle / name for name in ("config.yaml", "weights.safetensors"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+def policy_parts(cfg: DictConfig) -> dict[str, Any]:
+    """Return what :func:`navrl.build.inputs.policy_hash` takes: a bundle's files or a node.
+
+    Raises:
+        ValueError: If there is no such policy.
+    """
+    folder = bundle_folder(cfg.policy)
+    if folder is None:
+        return OmegaConf.to_container(_with_controller(cfg), resolve=True)["controller"]
+    return {name: (folder / name).read_bytes() for name in ("config.yaml", "weights.safetensors")}
 
 
 def _controller(cfg: DictConfig) -> Contender:
+    if make_device(cfg).type != "cpu":
+        raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
+    local = _with_controller(cfg)
+    return Contender(cfg.policy, instantiate(local.controller), _environment(local))
+
+
+def _with_controller(cfg: DictConfig) -> DictConfig:
+    """Return a copy of ``cfg`` with the controller that ``cfg.policy`` names as ``controller``.
+
+    Raises:
+        ValueError: If there is none, listing those there are.
+    """
     file = CONF_DIR / "controller" / f"{cfg.policy}.yaml"
     if not file.is_file():
         known = sorted(path.stem for path in file.parent.glob("*.yaml"))
@@ -101,11 +145,8 @@ def _controller(cfg: DictConfig) -> Contender:
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
         )
-    if make_device(cfg).type != "cpu":
-        raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
     node = OmegaConf.merge(OmegaConf.load(file), cfg.change.get("controller", {}))
-    local = _replaced(cfg, {"controller": node})
-    return Contender(cfg.policy, instantiate(local.controller), _environment(local))
+    return _replaced(cfg, {"controller": node})
 
 
 def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
@@ -133,7 +174,8 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     bundle = bundle_folder(cfg.policy)
     attends = bundle is not None and cfg.get("recordings", "none") != "none"
     make = partial(make_contender, with_attention=attends)
-    records = play_suite(cfg, scenarios, folder, make, _weights_hash(bundle))
+    determined_by = evaluation_inputs(cfg, policy_parts(cfg))
+    records = play_suite(cfg, scenarios, folder, make, json.dumps(determined_by))
     summary = summarize(
         records,
         policy=_policy_name(cfg),
@@ -145,7 +187,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
     write_errors(folder, records, scenarios)
-    write_results(folder, records, summary)
+    summary = write_results(folder, records, {**summary, **determined_by})
     finish(folder)
     return summary
 
@@ -168,14 +210,35 @@ def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
         ValueError: If ``folder`` holds an evaluation of another configuration.
     """
     claim_folder(cfg, folder)
-    file, bundle = folder / "summary.json", bundle_folder(cfg.policy)
-    if not file.is_file():
+    return unchanged_evaluation(cfg, folder)
+
+
+def unchanged_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
+    """Return the summary in ``folder`` if the same would be played again with the same result.
+
+    Policy, configuration and code are compared by their hashes, and the episodes with theirs, so
+    neither the time of a file nor a part of one counts. What is missing or differs is logged.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+        folder: Of the evaluation.
+    """
+    if not (folder / SUMMARY).exists():
         return None
-    if cfg.get("recordings", "none") != "none" and not (folder / "recordings").is_dir():
-        return None  # played without being kept
-    if bundle and (bundle / "weights.safetensors").stat().st_mtime > file.stat().st_mtime:
-        return None  # trained on since
-    return json.loads(file.read_text())
+    summary = whole_results(folder)
+    if summary is None:
+        differs = [f"{SUMMARY} or {EPISODES} is missing or damaged"]
+    else:
+        known = evaluation_inputs(cfg, policy_parts(cfg))
+        differs = [name for name, value in known.items() if summary.get(name) != value]
+        if missing_recordings(folder, cfg.get("recordings", "none")):
+            differs.append("recordings are missing")
+        if summary["errors"] == summary["episodes"]:
+            differs.append("every episode raised")
+    if differs:
+        log.info("%s: played again: %s", folder, ", ".join(differs))
+        return None
+    return summary
 
 
 def record(cfg: DictConfig) -> Recording:

@@ -14,7 +14,7 @@ from tensordict import TensorDictBase
 
 from navrl import keys
 from navrl.benchmarks.measurement import frozen_objects, threads
-from navrl.build.evaluation import bundle_folder, make_contender
+from navrl.build.evaluation import make_contender, make_runner
 from navrl.config import instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import evaluate
@@ -30,15 +30,16 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
 
     A bundle is timed as on a robot, from scan, pose and path to the command
     (:class:`navrl.deploy.PolicyRunner`); a controller from what it reads to its action. What the
-    clock says is different each time, so it has a file of its own; a folder that has one is not
-    measured again.
+    clock says is different each time, so it has a file of its own; a folder that has one of as many
+    episodes is not measured again.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml``.
         folder: Of the evaluation, for ``latency.json``.
 
     Returns:
-        What :func:`navrl.evaluation.metrics.controller_latency` does; None if none was asked for.
+        What :func:`navrl.evaluation.metrics.controller_latency` does, and the number of
+        ``episodes``; None if none was asked for.
 
     Raises:
         ValueError: If ``cfg.latency`` is negative.
@@ -46,23 +47,33 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     count = cfg.get("latency", 0)
     if count < 0:
         raise ValueError(f"latency={count}: episodes to be timed, must be >= 0")
-    file = folder / LATENCY
-    if count == 0 or file.is_file():
-        return json.loads(file.read_text()) if count else None
-    scenarios = instantiate(cfg.suite).scenarios(range(min(count, cfg.suite.num_episodes)))
+    count, file = min(count, cfg.suite.num_episodes), folder / LATENCY
+    if count == 0:
+        return None
+    known = _measured(file)
+    if known.get("episodes") == count:
+        return known
+    scenarios = instantiate(cfg.suite).scenarios(range(count))
     cfg = cfg.copy()
     cfg.num_worlds = 1
-    contender, bundle = make_contender(cfg), bundle_folder(cfg.policy)
-    runner = None if bundle is None else PolicyRunner.from_bundle(bundle, cfg.allow)
+    contender, runner = make_contender(cfg), make_runner(cfg)
     clock = _Clock(contender.policy, runner)
     with threads(1), frozen_objects(), torch.no_grad():
         for scenario in scenarios:
             clock.start_episode()
             evaluate(contender.env, clock, ScenarioBatch.pack([scenario]))
     contender.env.close()
-    found = controller_latency(clock.decisions)
+    found = {**controller_latency(clock.decisions), "episodes": count}
     file.write_text(json.dumps(found, indent=2) + "\n")
     return found
+
+
+def _measured(file: Path) -> dict:
+    """Return what was measured before; nothing of a file that is missing or cut off."""
+    try:
+        return json.loads(file.read_text())
+    except (FileNotFoundError, ValueError):
+        return {}
 
 
 class _Clock:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -20,12 +21,16 @@ from navrl.build.environment import num_threads, set_threads
 from navrl.build.run_folder import result_values
 from navrl.config import set_default
 from navrl.evaluation import EpisodeRecord, evaluate
-from navrl.evaluation.archive import KEPT, EpisodeArchive
+from navrl.evaluation.archive import KEPT, RECORDINGS, EpisodeArchive
+from navrl.evaluation.errors import ERRORS
+from navrl.evaluation.results import EPISODES, SUMMARY
 from navrl.evaluation.rollout import side_by_side
+from navrl.evaluation.stored import LATENCY
 from navrl.evaluation.unfinished import FinishedChunks
 from navrl.progress_bar import progress_bar
 from navrl.worlds import Scenario, ScenarioBatch
 
+_UNFINISHED = "unfinished"  # folder of what may be cut off
 Chunk = tuple[range, list[EpisodeRecord]]
 
 
@@ -53,7 +58,7 @@ def play_suite(
         scenarios: What to play.
         folder: Of the evaluation: unfinished work and recordings go below it.
         make: Builds policy and environment; called once in each process.
-        key: What the policy is made of beside ``cfg``, e.g. a hash of its weights.
+        key: What determines the records beside the scenarios, e.g. hashes of policy and config.
 
     Returns:
         A record per scenario, in order.
@@ -67,7 +72,9 @@ def play_suite(
         raise ValueError(f"num_processes={processes}: must be >= 1")
     if kept not in KEPT:
         raise ValueError(f"recordings={kept}: must be one of {', '.join(KEPT)}")
-    finished = FinishedChunks(folder / "unfinished", _key(cfg, scenarios, key))
+    finished = FinishedChunks(folder / _UNFINISHED, _key(cfg, scenarios, key))
+    if finished.is_new:
+        _remove_results(folder)
     chunks = side_by_side(len(scenarios), cfg.num_worlds)
     records = {chunk: finished.load(chunk) for chunk in chunks}
     missing = [chunk for chunk, found in records.items() if found is None]
@@ -83,7 +90,15 @@ def play_suite(
 
 def finish(folder: Path) -> None:
     """Remove what is kept only until the results are written."""
-    FinishedChunks(folder / "unfinished", "").clear()
+    FinishedChunks(folder / _UNFINISHED, "").clear()
+
+
+def _remove_results(folder: Path) -> None:
+    """Remove what an earlier evaluation left: beside other results it would be taken for theirs."""
+    for name in (SUMMARY, EPISODES, LATENCY):
+        (folder / name).unlink(missing_ok=True)
+    for name in (ERRORS, RECORDINGS):
+        shutil.rmtree(folder / name, ignore_errors=True)
 
 
 class _Player:
@@ -100,7 +115,7 @@ class _Player:
         self._batch, self._contender = ScenarioBatch.pack(scenarios), make(cfg)
         self._recorder = None
         if kept != "none":
-            place = folder / "recordings"
+            place = folder / RECORDINGS
             self._recorder = EpisodeArchive(self._contender.env, scenarios, place, kept)
 
     def play(self, chunk: range) -> Chunk:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,10 +12,36 @@ from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
-from navrl.evaluation.rollout import EpisodeRecord
+from navrl.evaluation.results import EPISODES
+from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.worlds import Scenario
 
 KEPT = ("none", "failures", "all")
+RECORDINGS = "recordings"
+"""Folder within that of an evaluation."""
+
+
+def missing_recordings(folder: Path, keep: str) -> bool:
+    """Return whether recordings that ``keep`` asks for are missing from an evaluation's folder.
+
+    Args:
+        folder: Of the evaluation, with its ``episodes.csv``.
+        keep: One of :data:`KEPT`.
+    """
+    if keep == "none":
+        return False
+    with (folder / EPISODES).open(newline="") as file:
+        rows = [(int(row["index"]), row["outcome"]) for row in csv.DictReader(file)]
+    wanted = [index for index, outcome in rows if outcome != ERROR and _is_kept(outcome, keep)]
+    return not all(_file(folder / RECORDINGS, index).is_file() for index in wanted)
+
+
+def _is_kept(outcome: str, keep: str) -> bool:
+    return keep == "all" or outcome != "success"
+
+
+def _file(folder: Path, index: int) -> Path:
+    return folder / f"{index:06d}.npz"
 
 
 class EpisodeArchive:
@@ -42,7 +69,7 @@ class EpisodeArchive:
         if keep not in KEPT[1:]:
             raise ValueError(f"keep={keep}: must be one of {', '.join(KEPT[1:])}")
         self._env, self._scenarios, self._folder = env, scenarios, folder
-        self._keep_all = keep == "all"
+        self._keep = keep
         self.begin(range(0))
 
     def begin(self, chunk: range) -> None:
@@ -71,8 +98,8 @@ class EpisodeArchive:
         """Write the episodes that are wanted."""
         self._folder.mkdir(parents=True, exist_ok=True)
         for row, record in enumerate(records):
-            if self._keep_all or record.outcome != "success":
-                file = self._folder / f"{record.index:06d}.npz"
+            if _is_kept(record.outcome, self._keep):
+                file = _file(self._folder, record.index)
                 fresh = file.with_name(f"{file.stem}.part.npz")
                 self._recording(row, record).save(fresh, compact=True)
                 fresh.replace(file)

@@ -9,6 +9,9 @@ from pathlib import Path
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.worlds import Scenario
 
+ERRORS = "errors"
+"""Folder within that of an evaluation."""
+
 
 def write_errors(
     folder: Path, records: Sequence[EpisodeRecord], scenarios: Sequence[Scenario]
@@ -36,7 +39,7 @@ def write_errors(
             "traceback": record.error.splitlines(),
             "scenario": scenario.to_dict(),
         }
-        file = folder / "errors" / f"{record.index:06d}.json"
+        file = folder / ERRORS / f"{record.index:06d}.json"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(plain, indent=1) + "\n")
         files.append(file)

@@ -6,8 +6,11 @@ Their schema is in ``docs/evaluation.md``.
 from __future__ import annotations
 
 import csv
+import hashlib
+import io
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -18,6 +21,8 @@ from navrl.evaluation.metrics import METRICS, OF_ERROR
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
 
+EPISODES, SUMMARY = "episodes.csv", "summary.json"
+"""Files of an evaluation."""
 OUTCOMES = tuple(o.name.lower() for o in Outcome if o is not Outcome.RUNNING)
 """How an episode can end, by the names in the files; an error comes on top."""
 _COLUMNS = (
@@ -120,16 +125,35 @@ def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
     }
 
 
-def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict) -> None:
-    """Write ``episodes.csv`` and ``summary.json`` into ``folder``."""
+def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict) -> dict:
+    """Write ``episodes.csv`` and, once that is whole, ``summary.json`` into ``folder``.
+
+    Returns:
+        The summary as it is written: with ``episodes_hash``, SHA-256 of the former file.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "episodes.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for record in records:
-            values = {**_metrics(record), **vars(record)}
-            writer.writerow({name: _cell(values.get(name), name in _FLAGS) for name in COLUMNS})
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    rows = _comma_separated(records).encode()
+    summary = {**summary, "episodes_hash": hashlib.sha256(rows).hexdigest()}
+    _replace(folder / EPISODES, rows)
+    _replace(folder / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())
+    return summary
+
+
+def _comma_separated(records: Sequence[EpisodeRecord]) -> str:
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for record in records:
+        values = {**_metrics(record), **vars(record)}
+        writer.writerow({name: _cell(values.get(name), name in _FLAGS) for name in COLUMNS})
+    return text.getvalue()
+
+
+def _replace(file: Path, content: bytes) -> None:
+    """Write a file so that it is there as a whole or not at all."""
+    fresh = file.with_name(f".{file.name}.{os.getpid()}.tmp")
+    fresh.write_bytes(content)
+    fresh.replace(file)
 
 
 def _metrics(record: EpisodeRecord) -> Mapping[str, float | None]:

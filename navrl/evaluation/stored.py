@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+
+from navrl.evaluation.results import EPISODES, SUMMARY
 
 LATENCY = "latency.json"
 """File beside the results with what the clock says, if decisions were timed."""
@@ -54,7 +57,7 @@ class Evaluation:
     @cached_property
     def episodes(self) -> dict[int, Mapping[str, str]]:
         """The rows of ``episodes.csv`` by the episode's index; columns are found by name."""
-        with (self.folder / "episodes.csv").open(newline="") as file:
+        with (self.folder / EPISODES).open(newline="") as file:
             return {int(row["index"]): row for row in csv.DictReader(file)}
 
     @cached_property
@@ -72,21 +75,51 @@ class Evaluation:
         return {index: value for index, value in values.items() if math.isfinite(value)}
 
 
+def whole_results(folder: Path) -> dict | None:
+    """Return the summary in a folder if it and the episodes it belongs to are whole.
+
+    Returns:
+        ``None`` if a file is missing, cut off or altered, or older than ``episodes_hash``.
+    """
+    try:
+        summary = json.loads((folder / SUMMARY).read_text())
+        played = hashlib.sha256((folder / EPISODES).read_bytes()).hexdigest()
+    except (FileNotFoundError, ValueError):
+        return None
+    is_whole = isinstance(summary, dict) and summary.get("episodes_hash") == played
+    return summary if is_whole else None
+
+
 def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
     """Return every evaluation in or below some folders, in the order of their paths.
 
     Raises:
-        ValueError: If a folder does not exist or holds none.
+        ValueError: If a folder does not exist or holds none, or episodes are not those that a
+            summary counts.
     """
     found: dict[Path, Evaluation] = {}
     for folder in map(Path, folders):
-        files = sorted(folder.rglob("summary.json"))
-        files = [file for file in files if file.with_name("episodes.csv").is_file()]
+        files = sorted(folder.rglob(SUMMARY))
+        files = [file for file in files if file.with_name(EPISODES).is_file()]
         if not files:
-            raise ValueError(f"{folder}: no evaluation there (summary.json and episodes.csv)")
+            raise ValueError(f"{folder}: no evaluation there ({SUMMARY} and {EPISODES})")
         for file in files:
             found[file.parent] = Evaluation(file.parent, json.loads(file.read_text()))
+            _check_whole(found[file.parent])
     return list(found.values())
+
+
+def _check_whole(evaluation: Evaluation) -> None:
+    """Compare the episodes with their hash in the summary, of evaluations that have one.
+
+    Raises:
+        ValueError: If they differ.
+    """
+    if "episodes_hash" in evaluation.summary and whole_results(evaluation.folder) is None:
+        raise ValueError(
+            f"{evaluation.folder / EPISODES}: does not hold the episodes of {SUMMARY} beside it; "
+            "play them again with the same navrl-evaluate command"
+        )
 
 
 def check_same_episodes(evaluations: Iterable[Evaluation]) -> None:

@@ -19,12 +19,16 @@ class FinishedChunks:
     Args:
         folder: Made for this alone; cleared if it holds chunks of another evaluation.
         key: Says which evaluation: equal keys mean equal records.
+
+    Attributes:
+        is_new: Whether no chunk of this evaluation was there.
     """
 
     def __init__(self, folder: Path, key: str) -> None:
         self._folder = folder
         there = folder / _KEY
-        if folder.is_dir() and not (there.is_file() and there.read_text() == key):
+        self.is_new = not (there.is_file() and there.read_text() == key)
+        if folder.is_dir() and self.is_new:
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
         there.write_text(key)

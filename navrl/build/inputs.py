@@ -1,0 +1,84 @@
+"""Hashes of everything that determines the results of an evaluation."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+import navrl
+from navrl.build.run_folder import flat_values, result_values
+
+PACKAGE = Path(navrl.__file__).parent
+_NO_RESULT = ("algos", "training", "viz", "deploy", "benchmarks", "cli")  # nothing is played there
+
+
+def evaluation_inputs(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, str]:
+    """Return what the results of an evaluation depend on; equal inputs give equal results.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+        policy: Files of a bundle by name, or the node of a controller; see :func:`policy_hash`.
+
+    Returns:
+        ``policy_hash``, ``config_hash`` of every value that may change a result, and ``code_hash``
+        of the package and of the user's own modules that the configuration names.
+    """
+    values = {name: value for name, value in result_values(cfg).items() if name != "policy"}
+    return {
+        "policy_hash": policy_hash(policy),
+        "config_hash": _hash_of(values),
+        "code_hash": _hash_of({"navrl": code_hash(), "own": _own_modules(cfg)}),
+    }
+
+
+def policy_hash(parts: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a policy's parts: bytes of files, or plain values of a node."""
+    return _hash_of({name: _plain(part) for name, part in parts.items()})
+
+
+@lru_cache(maxsize=1)
+def code_hash() -> str:
+    """Return the hash of the installed package's source, :func:`source_hash`."""
+    return source_hash(PACKAGE)
+
+
+def source_hash(package: Path) -> str:
+    """Return the SHA-256 of all source below a copy of the package that takes part in playing."""
+    found = hashlib.sha256()
+    for file in sorted(package.rglob("*.py")):
+        place = file.relative_to(package)
+        if place.parts[0] not in _NO_RESULT:
+            found.update(f"{place.as_posix()}\n".encode())
+            found.update(file.read_bytes())
+    return found.hexdigest()
+
+
+def _own_modules(cfg: DictConfig) -> dict[str, str]:
+    """Return hashes of the modules outside of navrl that may be built."""
+    targets = {v for k, v in flat_values(cfg).items() if k.endswith("_target_") and v}
+    names = {str(target).rpartition(".")[0] for target in targets} | set(cfg.get("allow", ()))
+    files = {name: _source_of(name) for name in sorted(names) if name.split(".")[0] != "navrl"}
+    return {k: hashlib.sha256(file.read_bytes()).hexdigest() for k, file in files.items() if file}
+
+
+def _source_of(module: str) -> Path | None:
+    try:
+        spec = importlib.util.find_spec(module) if module else None
+    except (ImportError, ValueError):
+        return None  # building it will report that
+    return Path(spec.origin) if spec and spec.origin and Path(spec.origin).is_file() else None
+
+
+def _plain(part: Any) -> Any:
+    return hashlib.sha256(part).hexdigest() if isinstance(part, bytes) else part
+
+
+def _hash_of(values: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()
