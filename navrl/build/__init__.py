@@ -11,10 +11,12 @@ from navrl.build.environment import (
 from navrl.build.evaluation import (
     Contender,
     bundle_folder,
+    check_evaluation,
     finished_evaluation,
     make_contender,
     record,
     run_evaluation,
+    unchanged_evaluation,
 )
 from navrl.build.latency import measure_latency
 from navrl.build.run_folder import claim_folder
@@ -23,6 +25,7 @@ from navrl.build.training import make_agent, make_trainer, observation_shapes, s
 __all__ = [
     "Contender",
     "bundle_folder",
+    "check_evaluation",
     "claim_folder",
     "finished_evaluation",
     "make_agent",
@@ -39,4 +42,5 @@ __all__ = [
     "run_evaluation",
     "save_policy",
     "set_threads",
+    "unchanged_evaluation",
 ]

@@ -79,7 +79,13 @@ def make_navigation_env(
 
     Returns:
         An environment with physical actions and raw outputs.
+
+    Raises:
+        ValueError: If ``simulator.num_worlds`` is not ``num_worlds``, or the device is wrong.
     """
+    worlds = cfg.simulator.get("num_worlds", cfg.num_worlds)
+    if worlds != cfg.num_worlds:
+        raise ValueError(f"simulator.num_worlds={worlds}: no effect, num_worlds={worlds} sets it")
     make_device(cfg)  # a wrong one is told apart before anything is built
     return NavigationEnv(
         instantiate(cfg.simulator, num_worlds=num_worlds),

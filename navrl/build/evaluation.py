@@ -10,12 +10,14 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import torch
 from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl.build.environment import make_device, make_env, make_navigation_env, num_threads
-from navrl.build.inputs import evaluation_inputs
+from navrl.build.inputs import bundle_files, evaluation_inputs
+from navrl.build.overrides import PARTS, check_options, check_policy, check_suite
 from navrl.build.playing import finish, play_suite
 from navrl.build.run_folder import claim_folder, flat_values
 from navrl.config import CONF_DIR, instantiate
@@ -28,8 +30,6 @@ from navrl.evaluation.results import EPISODES, SUMMARY
 from navrl.evaluation.stored import whole_results
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.worlds import Scenario
-
-_PARTS = ("transforms", "lidar", "robot")  # that a bundle brings
 
 log = logging.getLogger(__name__)
 
@@ -64,22 +64,45 @@ def make_contender(cfg: DictConfig, *, with_attention: bool = False) -> Contende
     """Find the policy that ``cfg.policy`` names and build an environment for it.
 
     A bundle brings its own transforms, lidar and robot; a controller takes the config's.
+    ``cfg.change`` changes them.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
         with_attention: Whether a bundle's actor writes its attention weights too.
 
     Raises:
-        ValueError: If there is no such policy, listing those there are; or if the device is wrong.
+        ValueError: If there is no such policy, listing those there are; if the device is wrong; or
+            if something is overridden or changed that the policy does not have or cannot run with.
         BundleError: If the bundle is damaged or not allowed.
     """
     folder = bundle_folder(cfg.policy)
+    check_policy(cfg, is_bundle=folder is not None)
     if folder is None:
         return _controller(cfg)
     bundle = load_bundle(folder, cfg.allow)
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
     actor = actor.to(make_device(cfg))
-    return Contender(_policy_name(cfg), actor, _environment(_with_parts(cfg, bundle.config)))
+    env = _environment(_with_parts(cfg, bundle.config))
+    _check_fit(cfg, actor, env)
+    return Contender(_policy_name(cfg), actor, env)
+
+
+@torch.no_grad()
+def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
+    """Let the network act on zeros of the observations' shapes.
+
+    Raises:
+        ValueError: If it cannot, naming what was changed about the policy.
+    """
+    try:
+        actor(env.full_observation_spec.zero())
+    except (KeyError, RuntimeError) as error:
+        env.close()
+        changed = ", ".join(f"{name}={value}" for name, value in flat_values(cfg.change).items())
+        raise ValueError(
+            f"change: {changed or 'nothing'}: the network of policy={cfg.policy} does not fit the "
+            f"observations ({str(error).splitlines()[0]})"
+        ) from error
 
 
 def make_runner(cfg: DictConfig) -> PolicyRunner | None:
@@ -99,7 +122,7 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
     """Return a copy of ``cfg`` with a bundle's own parts, changed as ``cfg.change`` says."""
-    own = {part: config[part] for part in _PARTS}
+    own = {part: config[part] for part in PARTS}
     return _replaced(cfg, OmegaConf.merge(own, cfg.change))
 
 
@@ -119,8 +142,8 @@ def policy_parts(cfg: DictConfig) -> dict[str, Any]:
     """
     folder = bundle_folder(cfg.policy)
     if folder is None:
-        return OmegaConf.to_container(_with_controller(cfg), resolve=True)["controller"]
-    return {name: (folder / name).read_bytes() for name in ("config.yaml", "weights.safetensors")}
+        return OmegaConf.to_container(_with_controller(cfg).controller, resolve=True)
+    return bundle_files(folder)
 
 
 def _controller(cfg: DictConfig) -> Contender:
@@ -145,8 +168,10 @@ def _with_controller(cfg: DictConfig) -> DictConfig:
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
         )
-    node = OmegaConf.merge(OmegaConf.load(file), cfg.change.get("controller", {}))
-    return _replaced(cfg, {"controller": node})
+    changed = {part: cfg[part] for part in PARTS if part in cfg.change}
+    return _replaced(
+        cfg, OmegaConf.merge({"controller": OmegaConf.load(file), **changed}, cfg.change)
+    )
 
 
 def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
@@ -163,12 +188,26 @@ def _environment(cfg: DictConfig) -> TransformedEnv:
     return make_env(env, instantiate(cfg.transforms))
 
 
+def check_evaluation(cfg: DictConfig) -> None:
+    """Check everything about an evaluation but its policy, before a training or any episode.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+
+    Raises:
+        ValueError: If a value is out of range, or an episode is not the frozen one.
+    """
+    check_options(cfg)
+    check_suite(cfg)
+
+
 def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     """Play ``cfg.suite`` with ``cfg.policy`` and write the results into ``folder``.
 
     Returns:
         The summary.
     """
+    _check_start(cfg)
     suite = instantiate(cfg.suite)
     scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
     bundle = bundle_folder(cfg.policy)
@@ -192,6 +231,14 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     return summary
 
 
+def _check_start(cfg: DictConfig) -> None:
+    """Report mistakes here, before scenarios are generated and in this process."""
+    check_options(cfg)
+    small = cfg.copy()
+    small.num_worlds = 1
+    make_contender(small).env.close()
+
+
 @lru_cache(maxsize=16)
 def _scenarios(suite: str, num_workers: int) -> list[Scenario]:
     """Generate a suite's scenarios once for all policies of a sweep: they take a fifth of its time.
@@ -207,8 +254,11 @@ def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
     """Return the summary of the evaluation in ``folder`` if it needs no repetition.
 
     Raises:
-        ValueError: If ``folder`` holds an evaluation of another configuration.
+        ValueError: If ``folder`` holds an evaluation of another configuration, or an override is
+            out of range or has no effect.
     """
+    check_options(cfg)
+    check_policy(cfg, is_bundle=bundle_folder(cfg.policy) is not None)
     claim_folder(cfg, folder)
     return unchanged_evaluation(cfg, folder)
 
@@ -245,8 +295,10 @@ def record(cfg: DictConfig) -> Recording:
     """Play episode ``cfg.episode`` of ``cfg.suite`` with ``cfg.policy`` and keep all of it.
 
     Raises:
-        ValueError: If the suite has no such episode.
+        ValueError: If the suite has no such episode, or ``num_worlds`` is not 1.
     """
+    if cfg.num_worlds != 1:
+        raise ValueError(f"num_worlds={cfg.num_worlds}: one episode is played, must be 1")
     scenario = instantiate(cfg.suite).scenarios([cfg.episode])[0]
     is_bundle = bundle_folder(cfg.policy) is not None
     contender = make_contender(cfg, with_attention=is_bundle)

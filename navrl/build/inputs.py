@@ -38,6 +38,11 @@ def evaluation_inputs(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, s
     }
 
 
+def bundle_files(folder: Path) -> dict[str, bytes]:
+    """Return the files of a bundle that determine what it does, by name."""
+    return {name: (folder / name).read_bytes() for name in ("config.yaml", "weights.safetensors")}
+
+
 def policy_hash(parts: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a policy's parts: bytes of files, or plain values of a node."""
     return _hash_of({name: _plain(part) for name, part in parts.items()})

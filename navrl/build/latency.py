@@ -15,6 +15,7 @@ from tensordict import TensorDictBase
 from navrl import keys
 from navrl.benchmarks.measurement import frozen_objects, threads
 from navrl.build.evaluation import make_contender, make_runner
+from navrl.build.overrides import check_options
 from navrl.config import instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import evaluate
@@ -44,10 +45,8 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     Raises:
         ValueError: If ``cfg.latency`` is negative.
     """
-    count = cfg.get("latency", 0)
-    if count < 0:
-        raise ValueError(f"latency={count}: episodes to be timed, must be >= 0")
-    count, file = min(count, cfg.suite.num_episodes), folder / LATENCY
+    check_options(cfg)
+    count, file = min(cfg.get("latency", 0), cfg.suite.num_episodes), folder / LATENCY
     if count == 0:
         return None
     known = _measured(file)

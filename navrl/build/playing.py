@@ -18,10 +18,11 @@ from torchrl.envs import TransformedEnv
 
 import navrl
 from navrl.build.environment import num_threads, set_threads
+from navrl.build.overrides import check_options
 from navrl.build.run_folder import result_values
 from navrl.config import set_default
 from navrl.evaluation import EpisodeRecord, evaluate
-from navrl.evaluation.archive import KEPT, RECORDINGS, EpisodeArchive
+from navrl.evaluation.archive import RECORDINGS, EpisodeArchive
 from navrl.evaluation.errors import ERRORS
 from navrl.evaluation.results import EPISODES, SUMMARY
 from navrl.evaluation.rollout import side_by_side
@@ -67,11 +68,7 @@ def play_suite(
         ValueError: If ``num_processes`` or ``recordings`` is not allowed.
         RuntimeError: If a process ended by itself, e.g. for want of memory; what is finished stays.
     """
-    processes, kept = cfg.get("num_processes", 1), cfg.get("recordings", "none")
-    if processes < 1:
-        raise ValueError(f"num_processes={processes}: must be >= 1")
-    if kept not in KEPT:
-        raise ValueError(f"recordings={kept}: must be one of {', '.join(KEPT)}")
+    check_options(cfg)
     finished = FinishedChunks(folder / _UNFINISHED, _key(cfg, scenarios, key))
     if finished.is_new:
         _remove_results(folder)
@@ -81,7 +78,9 @@ def play_suite(
     done = len(scenarios) - sum(map(len, missing))
     with progress_bar(len(scenarios), "episode", initial=done, enabled=cfg.progress_bar) as bar:
         arguments = (cfg, list(scenarios), folder, make)
-        for chunk, found in _play(arguments, missing, min(processes, len(missing))):
+        for chunk, found in _play(
+            arguments, missing, min(cfg.get("num_processes", 1), len(missing))
+        ):
             finished.save(chunk, found)
             records[chunk] = found
             bar.update(len(chunk))

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import yaml
 
+from navrl.build.evaluation import bundle_folder
+from navrl.build.inputs import bundle_files, policy_hash
 from navrl.build.provenance import recorded_origins
 from navrl.evaluation import Evaluation, find_evaluations
 from navrl.policies import load_bundle, save_bundle
@@ -51,14 +53,16 @@ def publish(
     Raises:
         BundleError: If the run holds no policy, or a damaged one.
         FileNotFoundError: If the run has no log.
-        ValueError: If there is no evaluation in one of the folders, or the policy's metrics do not
-            say how long it was trained.
+        ValueError: If there is no evaluation in one of the folders, or one of another policy than
+            the run's or that of a bundle already in ``out``, or the policy's metrics do not say how
+            long it was trained.
     """
     run, out = Path(run), Path(out)
     bundle = load_bundle(run / "policy")
     curve = _read_curve(run / "metrics.csv")
     config = {name: value for name, value in bundle.config.items() if name != "format"}
     found = find_evaluations(evaluations) if evaluations else []
+    _check_policy(found, [folder for folder in (run / "policy", out) if bundle_folder(str(folder))])
     actor = bundle.actor.half() if half else bundle.actor
     count = sum(weight.numel() for weight in actor.parameters())
     parts = [
@@ -72,6 +76,22 @@ def publish(
     save_bundle(out, config=config, actor=actor, metrics=bundle.metrics, card=card)
     (out / CURVE).write_text(_csv(curve), encoding="utf-8")
     return out
+
+
+def _check_policy(evaluations: Sequence[Evaluation], bundles: Sequence[Path]) -> None:
+    """Compare the policy that was evaluated with bundles, of evaluations that recorded its hash.
+
+    Raises:
+        ValueError: If it is none of them, or something was changed about it.
+    """
+    known = {policy_hash(bundle_files(folder)) for folder in bundles}
+    for evaluation in evaluations:
+        hashed = evaluation.summary.get("policy_hash")
+        if evaluation.summary.get("change") or (hashed is not None and hashed not in known):
+            raise ValueError(
+                f"evaluations={evaluation.folder}: of another policy, {evaluation.label}; must be "
+                f"of {' or '.join(map(str, bundles))}"
+            )
 
 
 def _read_curve(file: Path) -> list[dict[str, str]]:

@@ -9,6 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from navrl import build
+from navrl.build.overrides import check_measured
 from navrl.config import hydra_main
 
 log = logging.getLogger(__name__)
@@ -17,6 +18,7 @@ log = logging.getLogger(__name__)
 @hydra_main("benchmark")
 def main(cfg: DictConfig) -> None:
     """Measure, print the table and keep it."""
+    check_measured(HydraConfig.get().overrides.task)
     folder = Path(HydraConfig.get().runtime.output_dir)
     build.set_threads(cfg)
     report = build.run_benchmark(cfg, folder)

@@ -19,8 +19,9 @@ def _compare(cfg: DictConfig) -> None:
     """Print the tables; write them where ``cfg.out`` says."""
     folders = [cfg.folders] if isinstance(cfg.folders, str) else list(cfg.folders)
     table = compare_folders(folders, cfg.reference)
+    metrics = metrics_markdown(table, list(cfg.metrics))
     print(markdown(table))
-    print(metrics_markdown(table, list(cfg.metrics)))
+    print(metrics)
     if cfg.out is not None:
         for file in write_comparison([table], Path(cfg.out)):
             log.info("%s", file)

@@ -16,7 +16,11 @@ log = logging.getLogger(__name__)
 
 @hydra_main("evaluate")
 def main(cfg: DictConfig) -> float:
-    """Evaluate; return the success rate."""
+    """Evaluate; return the success rate.
+
+    Raises:
+        ValueError: If every episode raised: that is no result.
+    """
     folder = Path(HydraConfig.get().runtime.output_dir)
     build.set_threads(cfg)
     summary = build.finished_evaluation(cfg, folder)
@@ -25,8 +29,9 @@ def main(cfg: DictConfig) -> float:
     else:
         log.info("%s: finished before, not played again", folder)
     low, high = summary["success_interval"]
+    errors = summary["errors"]
     log.info(
-        "%s on %s: success %.1f %% [%.1f, %.1f], collision %.1f %%, timeout %.1f %%, n=%d; %s",
+        "%s on %s: success %.1f %% [%.1f, %.1f], collision %.1f %%, timeout %.1f %%, n=%d%s; %s",
         summary["policy"],
         summary["suite"],
         100 * summary["success_rate"],
@@ -35,8 +40,14 @@ def main(cfg: DictConfig) -> float:
         100 * summary["collision_rate"],
         100 * summary["timeout_rate"],
         summary["episodes"],
+        f", of which {errors} raised an error ({folder / 'errors'})" if errors else "",
         folder,
     )
+    if errors == summary["episodes"]:
+        raise ValueError(
+            f"policy={cfg.policy}: all {errors} episodes raised an error; tracebacks are in "
+            f"{folder / 'errors'}"
+        )
     latency = build.measure_latency(cfg, folder)
     if latency is not None:
         log.info(

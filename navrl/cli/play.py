@@ -9,6 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from navrl import build
+from navrl.build.overrides import check_drawing
 from navrl.config import hydra_main
 from navrl.evaluation.recording import Recording
 from navrl.viz import save_gif, save_png
@@ -21,6 +22,7 @@ def main(cfg: DictConfig) -> None:
     """Record an episode and draw it."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     if cfg.recording is not None:
+        check_drawing(cfg)
         recording = Recording.load(cfg.recording)
     else:
         build.set_threads(cfg)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import logging
 from pathlib import Path
 
@@ -27,12 +26,14 @@ def main(cfg: DictConfig) -> float:
     else:
         folder = Path(cfg.resume)
         cfg = _resumed(folder, cfg)
-    summary = folder / "evaluation" / "summary.json"
-    if summary.is_file():
+    scoring = _scoring(cfg, folder)
+    if (folder / "evaluation" / "summary.json").is_file() and build.bundle_folder(str(folder)):
         log.info("%s: finished before, not trained again", folder)
-        return json.loads(summary.read_text())["success_rate"]
+        summary = build.unchanged_evaluation(scoring, folder / "evaluation")
+        return _report(cfg, folder) if summary is None else summary["success_rate"]
     record_command(folder)
     build.set_threads(cfg)
+    build.check_evaluation(scoring)  # hours of training must not end in its error
     trainer = build.make_trainer(cfg, folder)
     log.info("updates in %s", trainer.algorithm.precision.name)
     gc.collect()
@@ -61,9 +62,8 @@ def _resumed(folder: Path, cfg: DictConfig) -> DictConfig:
     return run
 
 
-def _report(cfg: DictConfig, folder: Path) -> float:
-    """Evaluate the best policy, then draw its curves and one of its episodes."""
-    plot_curves([folder / "metrics.csv"], folder / "curves.png")
+def _playing(cfg: DictConfig, folder: Path) -> DictConfig:
+    """Return the configuration by which an episode of the best policy is played."""
     playing = compose("play")
     set_default(playing, "device", cfg.get("device", "cpu"))
     for part in ("suite", "simulator", "num_threads", "environment", "progress_bar"):
@@ -71,13 +71,26 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     set_default(playing, "policy", str(folder))
     # What this very run was made of may be built again.
     set_default(playing, "allow", sorted(target_packages(cfg) - {"navrl"}))
+    return playing
+
+
+def _scoring(cfg: DictConfig, folder: Path) -> DictConfig:
+    """Return the configuration by which the best policy is evaluated on the reported suite."""
+    scoring = _playing(cfg, folder)
+    set_default(scoring, "simulator", cfg.get("final_simulator", cfg.simulator))
+    scoring.num_worlds = 100
+    return scoring
+
+
+def _report(cfg: DictConfig, folder: Path) -> float:
+    """Evaluate the best policy, then draw its curves and one of its episodes."""
+    plot_curves([folder / "metrics.csv"], folder / "curves.png")
+    playing = _playing(cfg, folder)
     recording = build.record(playing)
     recording.save(folder / "episode.npz")
     save_gif(recording, folder / "episode.gif")
     save_png(recording, folder / "episode.png")
-    set_default(playing, "simulator", cfg.get("final_simulator", cfg.simulator))
-    playing.num_worlds = 100
-    summary = build.run_evaluation(playing, folder / "evaluation")
+    summary = build.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
     log.info(
         "best policy on %s: %.1f %% success over %d episodes; everything is in %s",
         summary["suite"],

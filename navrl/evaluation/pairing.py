@@ -44,6 +44,8 @@ COMPARED = (
 _OF_FINISHED = ("time_to_goal_s", "path_length_m", "stalled_time_s", "time_without_progress_s")
 _OF_FINISHED = (*_OF_FINISHED, "heading_change_rad")  # grow with the episode, so need a goal
 _LATENCIES = ("median_ms", "p95_ms")
+COMPARABLE = (*COMPARED, *(f"latency_{name}" for name in _LATENCIES))
+"""Names of all metrics in comparisons."""
 _UNITS = {metric.name: metric.unit for metric in METRICS}
 
 

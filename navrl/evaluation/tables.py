@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
-from navrl.evaluation.pairing import COLLISIONS, MetricComparison
+from navrl.evaluation.pairing import COLLISIONS, COMPARABLE, MetricComparison
 from navrl.evaluation.seeds import OverSeeds
 from navrl.evaluation.spreadsheets import (
     comma_separated,
@@ -94,7 +94,13 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
     Args:
         table: Of one suite.
         names: Which metrics; all if empty.
+
+    Raises:
+        ValueError: If there is no metric of a name.
     """
+    unknown = sorted(set(names) - set(COMPARABLE))
+    if unknown:
+        raise ValueError(f"metrics={unknown}: must be some of {', '.join(COMPARABLE)}")
     reference = table.reference
     header = ["metric", "policy", "mean", "n", "mean where all succeed", "n"]
     header += [f"vs `{reference}`", "pairs", "p (sign flips)"] if reference else []

@@ -41,6 +41,17 @@ def find_files(sources: Iterable[str | Path], *patterns: str) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
+def find_episode(sources: Sequence[str | Path]) -> Path:
+    """Return the first recorded episode in and below a source.
+
+    Raises:
+        ValueError: If there are several sources, of which only one could be drawn.
+    """
+    if len(sources) > 1:
+        raise ValueError(f"source=[{', '.join(map(str, sources))}]: must be one, of one episode")
+    return find_files(sources, "*.npz")[0]
+
+
 def _below(source: Path, patterns: Sequence[str]) -> list[Path]:
     if source.is_file():
         return [source]
@@ -71,7 +82,7 @@ def attention(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, step: int | None = None
 ) -> list[Path]:
     """A scene with spatial attention on sectors and temporal attention on descriptors."""
-    recording = find_recordings(sources)[0]
+    recording = Recording.load(find_episode(sources))
     return _each_format(lambda file: save_png(recording, file, step), out, formats)
 
 
@@ -83,7 +94,7 @@ def tagd(
     group_radius: float = 0.25,
 ) -> list[Path]:
     """The way from two scans to descriptors, in five steps."""
-    recording = find_recordings(sources)[0]
+    recording = Recording.load(find_episode(sources))
     return _each_format(lambda file: save_tagd(recording, file, step, group_radius), out, formats)
 
 
@@ -91,7 +102,7 @@ def strip(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, count: int = 6
 ) -> list[Path]:
     """Moments of an episode side by side."""
-    episode = find_files(sources, "*.npz")[0]
+    episode = find_episode(sources)
     recording, policy = Recording.load(episode), policy_of(episode)
     return _each_format(lambda file: save_strip(recording, file, count, policy), out, formats)
 
@@ -110,12 +121,12 @@ def failures(
 
 def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
     """An episode as GIF."""
-    return [save_gif(find_recordings(sources)[0], out.with_suffix(".gif"), frames_per_s)]
+    return [save_gif(Recording.load(find_episode(sources)), out.with_suffix(".gif"), frames_per_s)]
 
 
 def mp4(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
     """An episode as MP4; needs the program ffmpeg."""
-    return [save_mp4(find_recordings(sources)[0], out.with_suffix(".mp4"), frames_per_s)]
+    return [save_mp4(Recording.load(find_episode(sources)), out.with_suffix(".mp4"), frames_per_s)]
 
 
 def rerun(sources: Sequence[str], out: Path) -> list[Path]:

@@ -47,8 +47,10 @@ class Suite:
         version: int | None = None,
         scenes: str | None = None,
     ) -> None:
-        if seed < 0 or num_episodes <= 0:
-            raise ValueError(f"seed={seed}: must be >= 0; num_episodes={num_episodes}: must be > 0")
+        if seed < 0:
+            raise ValueError(f"seed={seed}: must be >= 0")
+        if num_episodes <= 0:
+            raise ValueError(f"num_episodes={num_episodes}: must be > 0")
         self.name, self.seed, self.num_episodes = name, seed, num_episodes
         self.distribution, self.version = distribution, version
         self.scenes = name if scenes is None else scenes

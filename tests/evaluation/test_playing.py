@@ -22,7 +22,7 @@ from navrl.evaluation.unfinished import FinishedChunks
 from navrl.worlds import Scenario
 
 SHORT = ["suite=smoke", "num_worlds=2", "num_threads=1", "progress_bar=false"]
-SHORT += ["environment.time_limit_steps=12", "transforms.icp_align.max_iterations=5"]
+SHORT += ["environment.time_limit_steps=12", "+change.transforms.icp_align.max_iterations=5"]
 RESULTS = ("episodes.csv", "summary.json")
 
 

@@ -53,6 +53,8 @@ def write_report(
         raise ValueError(f"num_episodes={num_episodes}: must be at least 0")
     _need_plotly()
     sources = find_sources(folders, num_episodes)
+    if reference is not None and not sources.evaluations:
+        raise ValueError(f"reference={reference}: no effect, there is no evaluation")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(_page(sources, reference), encoding="utf-8")
     return file

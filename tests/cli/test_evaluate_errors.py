@@ -1,0 +1,121 @@
+"""Commands end in one line and a status other than 0 where there is no result."""
+
+import sys
+
+import pytest
+from evaluated import HIT, WON, write_evaluation
+
+from navrl.build import evaluation as building
+
+TINY = ["suite=smoke", "suite.num_episodes=3", "num_worlds=3", "num_threads=1"]
+TINY += ["environment.time_limit_steps=4", "progress_bar=false", "hydra.run.dir=run"]
+
+
+class Raising:
+    """Raise where as many episodes or more are played side by side, or in every case."""
+
+    def __init__(self, policy, goal=None):
+        self._policy, self._goal = policy, goal
+
+    def prepare(self, scenarios):
+        goals = scenarios.goal.numpy().tolist()
+        if self._goal is None or self._goal in goals:
+            raise ZeroDivisionError("no command")
+        return self._policy.prepare(scenarios) if hasattr(self._policy, "prepare") else None
+
+    def __call__(self, tensordict):
+        return self._policy(tensordict)
+
+
+def run(command, words, capsys):
+    """Run a command in this process; return its exit status, its output and its error lines."""
+    module = __import__(f"navrl.cli.{command}", fromlist=["main"])
+    sys.argv = [f"navrl-{command}", *words]
+    try:
+        module.main()
+        status = 0
+    except SystemExit as end:
+        status = end.code
+    told = capsys.readouterr()
+    return status, told.out, [line for line in told.err.splitlines() if line.startswith("navrl: ")]
+
+
+@pytest.fixture
+def raising(monkeypatch, tmp_path):
+    """Let the policy raise in one episode, or in all."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [])
+    make = building.make_contender
+
+    def replace(goal):
+        def contender(cfg, **options):
+            found = make(cfg, **options)
+            return building.Contender(found.name, Raising(found.policy, goal), found.env)
+
+        monkeypatch.setattr(building, "make_contender", contender)
+
+    return replace
+
+
+def test_all_episodes_raised_is_no_result(raising, capsys, tmp_path):
+    raising(None)
+    for _ in range(2):  # the same again after it has finished
+        status, _, lines = run("evaluate", ["policy=random", *TINY], capsys)
+        assert status == 2
+        assert lines == [
+            "navrl: policy=random: all 3 episodes raised an error; tracebacks are in run/errors"
+        ]
+    assert len(list((tmp_path / "run" / "errors").iterdir())) == 3
+
+
+def test_errors_are_in_the_printed_line(raising, capsys, caplog):
+    cfg = building.instantiate
+    raising([1e9, 1e9])
+    status, _, _ = run("evaluate", ["policy=random", *TINY], capsys)
+    assert status == 0 and "raised" not in caplog.text
+    from navrl.config import compose
+
+    scenario = cfg(compose("evaluate", TINY[:-1]).suite).scenarios([1])[0]
+    from navrl.worlds import ScenarioBatch
+
+    raising(ScenarioBatch.pack([scenario]).goal[0].numpy().tolist())
+    status, _, _ = run("evaluate", ["policy=random", *TINY[:-1], "hydra.run.dir=other"], capsys)
+    assert status == 0
+    assert "n=3, of which 1 raised an error (other/errors)" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "line"),
+    [
+        ("evaluate", ["policy=paper", "lidar.num_beams=720", *TINY], "lidar.num_beams=720: no ef"),
+        ("evaluate", ["policy=random", "latency=-1", *TINY], "latency=-1: episodes to be timed"),
+        ("play", ["policy=paper", "robot.max_speed=0.5"], "robot.max_speed=0.5: no effect"),
+        ("play", ["recording=a.npz", "episode=3"], "episode=3: no effect with recording=a.npz"),
+        ("train", ["suite.num_episodes=0"], "num_episodes=0: must be > 0"),
+        ("train", ["suite.version=1", "suite.name=table1", "suite.seed=5"], "frozen"),
+        ("train", ["+final_simulator.nothing=1"], "nothing"),
+        ("benchmark", ["suite.seed=3"], "suite.seed=3: no effect"),
+        ("compare", ["a", "b", "metrics=[sple]"], "metrics=['sple']: must be some of"),
+        ("plot", ["picture=gif", "source=[a,b]"], "source=[a, b]: must be one"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_what_has_no_effect_is_an_error_at_the_start(
+    command, words, line, capsys, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [])
+    write_evaluation(tmp_path / "a", "paper", [WON, HIT])
+    write_evaluation(tmp_path / "b", "dwa", [WON, HIT])
+    status, _, lines = run(command, words, capsys)
+    assert status == 2 and len(lines) == 1 and line in lines[0]
+    assert not list(tmp_path.rglob("metrics.csv"))  # no training began
+
+
+def test_a_reference_without_evaluations_is_an_error(tmp_path):
+    pytest.importorskip("plotly", reason="needs the extra 'report'")
+    from navrl.viz.report import write_report
+
+    (tmp_path / "metrics.csv").write_text("frames,evaluation/success_rate\n100,0.5\n")
+    with pytest.raises(ValueError, match="reference=paper: no effect"):
+        write_report([tmp_path], tmp_path / "report.html", reference="paper")
