@@ -6,13 +6,15 @@ import pytest
 from evaluated import HIT, WON, write_evaluation
 
 from navrl.build import evaluation as building
+from navrl.config import compose, instantiate
+from navrl.worlds import ScenarioBatch
 
 TINY = ["suite=smoke", "suite.num_episodes=3", "num_worlds=3", "num_threads=1"]
 TINY += ["environment.time_limit_steps=4", "progress_bar=false", "hydra.run.dir=run"]
 
 
 class Raising:
-    """Raise where as many episodes or more are played side by side, or in every case."""
+    """Raise where the goal is among those that are played side by side; always without one."""
 
     def __init__(self, policy, goal=None):
         self._policy, self._goal = policy, goal
@@ -62,26 +64,21 @@ def test_all_episodes_raised_is_no_result(raising, capsys, tmp_path):
     for _ in range(2):  # the same again after it has finished
         status, _, lines = run("evaluate", ["policy=random", *TINY], capsys)
         assert status == 2
-        assert lines == [
-            "navrl: policy=random: all 3 episodes raised an error; tracebacks are in run/errors"
-        ]
+        place = f"tracebacks are in {tmp_path / 'run' / 'errors'}"
+        assert lines == [f"navrl: policy=random: all 3 episodes raised an error; {place}"]
     assert len(list((tmp_path / "run" / "errors").iterdir())) == 3
 
 
-def test_errors_are_in_the_printed_line(raising, capsys, caplog):
-    cfg = building.instantiate
-    raising([1e9, 1e9])
-    status, _, _ = run("evaluate", ["policy=random", *TINY], capsys)
-    assert status == 0 and "raised" not in caplog.text
-    from navrl.config import compose
-
-    scenario = cfg(compose("evaluate", TINY[:-1]).suite).scenarios([1])[0]
-    from navrl.worlds import ScenarioBatch
-
-    raising(ScenarioBatch.pack([scenario]).goal[0].numpy().tolist())
-    status, _, _ = run("evaluate", ["policy=random", *TINY[:-1], "hydra.run.dir=other"], capsys)
+def test_errors_are_in_the_printed_line(raising, capsys, tmp_path):
+    scenario = instantiate(compose("evaluate", TINY[:-1]).suite).scenarios([1])[0]
+    goal = ScenarioBatch.pack([scenario]).goal[0].numpy().tolist()
+    status, out, _ = run("evaluate", ["policy=random", *TINY], capsys)
+    assert status == 0 and "n=3; " in out
+    raising(goal)
+    status, out, _ = run("evaluate", ["policy=random", *TINY[:-1], "hydra.run.dir=other"], capsys)
     assert status == 0
-    assert "n=3, of which 1 raised an error (other/errors)" in caplog.text
+    errors = tmp_path / "other" / "errors"
+    assert f"n=3, of which {len(list(errors.iterdir()))} raised an error ({errors}); " in out
 
 
 @pytest.mark.parametrize(
