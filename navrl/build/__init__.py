@@ -12,12 +12,11 @@ from navrl.build.evaluation import (
     Contender,
     bundle_folder,
     check_evaluation,
-    finished_evaluation,
     make_contender,
     record,
     run_evaluation,
-    unchanged_evaluation,
 )
+from navrl.build.finished import finished_evaluation, unchanged_evaluation
 from navrl.build.latency import measure_latency
 from navrl.build.run_folder import claim_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -19,19 +18,14 @@ from navrl.build.environment import make_device, make_env, make_navigation_env, 
 from navrl.build.inputs import bundle_files, evaluation_inputs
 from navrl.build.overrides import PARTS, check_options, check_policy, check_suite
 from navrl.build.playing import finish, play_suite
-from navrl.build.run_folder import claim_folder, flat_values
+from navrl.build.run_folder import flat_values
 from navrl.config import CONF_DIR, instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import summarize, write_results
-from navrl.evaluation.archive import missing_recordings
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
-from navrl.evaluation.results import EPISODES, SUMMARY
-from navrl.evaluation.stored import whole_results
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.worlds import Scenario
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -248,47 +242,6 @@ def _scenarios(suite: str, num_workers: int) -> list[Scenario]:
         num_workers: Processes that share the work.
     """
     return instantiate(OmegaConf.create(suite)).scenarios(num_workers=num_workers)
-
-
-def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
-    """Return the summary of the evaluation in ``folder`` if it needs no repetition.
-
-    Raises:
-        ValueError: If ``folder`` holds an evaluation of another configuration, or an override is
-            out of range or has no effect.
-    """
-    check_options(cfg)
-    check_policy(cfg, is_bundle=bundle_folder(cfg.policy) is not None)
-    claim_folder(cfg, folder)
-    return unchanged_evaluation(cfg, folder)
-
-
-def unchanged_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
-    """Return the summary in ``folder`` if the same would be played again with the same result.
-
-    Policy, configuration and code are compared by their hashes, and the episodes with theirs, so
-    neither the time of a file nor a part of one counts. What is missing or differs is logged.
-
-    Args:
-        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        folder: Of the evaluation.
-    """
-    if not (folder / SUMMARY).exists():
-        return None
-    summary = whole_results(folder)
-    if summary is None:
-        differs = [f"{SUMMARY} or {EPISODES} is missing or damaged"]
-    else:
-        known = evaluation_inputs(cfg, policy_parts(cfg))
-        differs = [name for name, value in known.items() if summary.get(name) != value]
-        if missing_recordings(folder, cfg.get("recordings", "none")):
-            differs.append("recordings are missing")
-        if summary["errors"] == summary["episodes"]:
-            differs.append("every episode raised")
-    if differs:
-        log.info("%s: played again: %s", folder, ", ".join(differs))
-        return None
-    return summary
 
 
 def record(cfg: DictConfig) -> Recording:

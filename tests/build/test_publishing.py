@@ -7,6 +7,7 @@ import shutil
 import pytest
 import torch
 
+from navrl.build.inputs import bundle_files, policy_hash
 from navrl.build.publishing import CURVE
 from navrl.cli.publish import main
 from navrl.policies import ZOO, load_bundle
@@ -111,3 +112,20 @@ def test_a_folder_without_evaluation_is_named(run, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([str(run), str(tmp_path / "mine"), "--evaluations", str(run)])
     assert "no evaluation there" in capsys.readouterr().err
+
+
+def test_scores_of_another_policy_are_refused(run, evaluation, tmp_path, capsys):
+    """By the hash of weights and configuration; older evaluations have none."""
+    own = policy_hash(bundle_files(run / "policy"))
+    summary = json.loads((evaluation / "summary.json").read_text())
+    for added, status in (({"policy_hash": own}, 0), ({"policy_hash": "other"}, 2)):
+        (evaluation / "summary.json").write_text(json.dumps(summary | added))
+        arguments = [str(run), str(tmp_path / f"out_{status}"), "--evaluations", str(evaluation)]
+        if status == 0:
+            main(arguments)
+            continue
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        line = capsys.readouterr().err
+        assert end.value.code == status and "of another policy, mine; must be of" in line
+        assert not (tmp_path / "out_2").exists()

@@ -1,6 +1,8 @@
 """``navrl-train -m sweep=NAME``: readable folders, one table, and every job goes on by itself."""
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 
@@ -75,6 +77,18 @@ def test_one_word_trains_all_and_again_trains_what_is_missing(tmp_path):
     assert again.stdout.count("finished before") == 1
     assert (jobs[1] / "evaluation" / "summary.json").is_file()
     assert [file.stat().st_mtime_ns for file in weights] == before  # resumed, not begun again
+
+    # Other weights in the folder of a finished job are evaluated, and nothing is trained.
+    shutil.copy(weights[1], weights[0])
+    os.utime(weights[0], (0, 0))
+    summaries = [job / "evaluation" / "summary.json" for job in jobs]
+    hashes = [json.loads(file.read_text())["policy_hash"] for file in summaries]
+    log = (jobs[0] / "metrics.csv").read_bytes()
+    last = train(tmp_path, *words)
+    assert last.returncode == 0, last.stderr[-3000:]
+    assert last.stdout.count("played again: policy_hash") == 1
+    assert json.loads(summaries[0].read_text())["policy_hash"] not in hashes
+    assert (jobs[0] / "metrics.csv").read_bytes() == log
 
     other = train(tmp_path, *words, "algorithm.gamma=0.9")
     assert other.returncode == 2
