@@ -26,13 +26,13 @@ def main(cfg: DictConfig) -> float:
     else:
         folder = Path(cfg.resume)
         cfg = _resumed(folder, cfg)
+    build.set_threads(cfg)
     scoring = _scoring(cfg, folder)
     if (folder / "evaluation" / "summary.json").is_file() and build.bundle_folder(str(folder)):
         log.info("%s: finished before, not trained again", folder)
         summary = build.unchanged_evaluation(scoring, folder / "evaluation")
         return _report(cfg, folder) if summary is None else summary["success_rate"]
     record_command(folder)
-    build.set_threads(cfg)
     build.check_evaluation(scoring)  # hours of training must not end in its error
     trainer = build.make_trainer(cfg, folder)
     log.info("updates in %s", trainer.algorithm.precision.name)
