@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -20,6 +19,7 @@ from navrl.config import CONF_DIR, instantiate
 from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
+from navrl.evaluation.stored import finished_evaluation as finished_files
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.worlds import Scenario
 
@@ -92,9 +92,9 @@ def _weights_hash(bundle: Path | None) -> str:
 
 
 def _controller(cfg: DictConfig) -> Contender:
-    file = CONF_DIR / "controller" / f"{cfg.policy}.yaml"
-    if not file.is_file():
-        known = sorted(path.stem for path in file.parent.glob("*.yaml"))
+    files = {path.stem: path for path in (CONF_DIR / "controller").glob("*.yaml")}
+    if cfg.policy not in files:  # never a path: that would build a node unchecked
+        known = sorted(files)
         if cfg.policy in ("all", "zoo", "controllers"):
             raise ValueError(f"policy={cfg.policy}: several, which need a sweep: navrl-evaluate -m")
         raise ValueError(
@@ -103,7 +103,7 @@ def _controller(cfg: DictConfig) -> Contender:
         )
     if make_device(cfg).type != "cpu":
         raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
-    node = OmegaConf.merge(OmegaConf.load(file), cfg.change.get("controller", {}))
+    node = OmegaConf.merge(OmegaConf.load(files[cfg.policy]), cfg.change.get("controller", {}))
     local = _replaced(cfg, {"controller": node})
     return Contender(cfg.policy, instantiate(local.controller), _environment(local))
 
@@ -168,14 +168,16 @@ def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
         ValueError: If ``folder`` holds an evaluation of another configuration.
     """
     claim_folder(cfg, folder)
-    file, bundle = folder / "summary.json", bundle_folder(cfg.policy)
-    if not file.is_file():
+    bundle, found = bundle_folder(cfg.policy), finished_files(folder)
+    if found is None:
         return None
     if cfg.get("recordings", "none") != "none" and not (folder / "recordings").is_dir():
         return None  # played without being kept
-    if bundle and (bundle / "weights.safetensors").stat().st_mtime > file.stat().st_mtime:
+    if bundle and (bundle / "weights.safetensors").stat().st_mtime > (
+        (folder / "summary.json").stat().st_mtime
+    ):
         return None  # trained on since
-    return json.loads(file.read_text())
+    return dict(found.summary)
 
 
 def record(cfg: DictConfig) -> Recording:

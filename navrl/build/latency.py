@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +18,8 @@ from navrl.config import instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import evaluate
 from navrl.evaluation.metrics import controller_latency
-from navrl.evaluation.stored import LATENCY
+from navrl.evaluation.stored import LATENCY, read_latency
+from navrl.files import write_json
 from navrl.worlds import ScenarioBatch
 
 _SENSED = (keys.RANGES, keys.POSE, keys.PATH)
@@ -48,7 +48,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
         raise ValueError(f"latency={count}: episodes to be timed, must be >= 0")
     file = folder / LATENCY
     if count == 0 or file.is_file():
-        return json.loads(file.read_text()) if count else None
+        return read_latency(folder) if count else None
     scenarios = instantiate(cfg.suite).scenarios(range(min(count, cfg.suite.num_episodes)))
     cfg = cfg.copy()
     cfg.num_worlds = 1
@@ -61,7 +61,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
             evaluate(contender.env, clock, ScenarioBatch.pack([scenario]))
     contender.env.close()
     found = controller_latency(clock.decisions)
-    file.write_text(json.dumps(found, indent=2) + "\n")
+    write_json(file, found, indent=2)
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import logging
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from navrl import build
 from navrl.build.provenance import record_command
 from navrl.config import compose, hydra_main, set_default, target_packages
+from navrl.evaluation.stored import Evaluation
 from navrl.viz import plot_curves, save_gif, save_png
 
 log = logging.getLogger(__name__)
@@ -30,7 +30,7 @@ def main(cfg: DictConfig) -> float:
     summary = folder / "evaluation" / "summary.json"
     if summary.is_file():
         log.info("%s: finished before, not trained again", folder)
-        return json.loads(summary.read_text())["success_rate"]
+        return Evaluation.load(summary.parent).summary["success_rate"]
     record_command(folder)
     build.set_threads(cfg)
     trainer = build.make_trainer(cfg, folder)

@@ -73,9 +73,7 @@ class EpisodeArchive:
         for row, record in enumerate(records):
             if self._keep_all or record.outcome != "success":
                 file = self._folder / f"{record.index:06d}.npz"
-                fresh = file.with_name(f"{file.stem}.part.npz")
-                self._recording(row, record).save(fresh, compact=True)
-                fresh.replace(file)
+                self._recording(row, record).save(file, compact=True)
         self.begin(range(0))
 
     def _recording(self, row: int, record: EpisodeRecord) -> Recording:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -15,12 +14,19 @@ from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.envs import NavigationEnv, Outcome
+from navrl.evaluation.results import OUTCOMES
 from navrl.evaluation.rollout import ERROR, evaluate
 from navrl.evaluation.rounding import restored, rounded
+from navrl.files import replacing
+from navrl.sim import Contact
+from navrl.untrusted import DamagedFileError, is_number, read_arrays
 from navrl.worlds import Scenario, ScenarioBatch
 
 _FORMAT = "navrl-recording-1"
+_REMEDY = "delete it or record the episode again"
 _TERM = f"{keys.REWARD_TERMS}/"
+_POSITIVE = ("time_step_s", "robot_radius", "goal_radius", "max_range")
+_WITH_GAPS = (keys.PEDESTRIAN_BOXES, keys.RANGES)  # nobody there, no return
 OBSERVED = {  # feature shape after time; None is any size
     keys.POSE: (3,),
     keys.PEDESTRIAN_BOXES: (None, 5),
@@ -156,7 +162,8 @@ class Recording:
         values = {name: value for name, value in vars(self).items() if value is not None}
         terms = values.pop(keys.REWARD_TERMS)
         values |= {_TERM + name: term for name, term in terms.items()}
-        np.savez_compressed(file, format=_FORMAT, **(rounded(values) if compact else values))
+        with replacing(file) as stream:
+            np.savez_compressed(stream, format=_FORMAT, **(rounded(values) if compact else values))
 
     @classmethod
     def load(cls, file: str | Path) -> Recording:
@@ -164,24 +171,38 @@ class Recording:
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If it is no recording.
+            DamagedFileError: If it is damaged, no recording, or holds values out of range.
         """
+        arrays = read_arrays(file, _REMEDY)
         try:
-            with np.load(file, allow_pickle=False) as archive:
-                stored = restored({name: archive[name] for name in archive.files})
-        except (AttributeError, TypeError, ValueError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{file}: no recording of navrl ({error})") from error
+            return cls._of_arrays(arrays)
+        except (TypeError, ValueError) as error:
+            raise DamagedFileError(file, f"no recording of navrl ({error})", _REMEDY) from error
+
+    @classmethod
+    def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> Recording:
+        """Rebuild from what a file holds.
+
+        Raises:
+            TypeError: If an array cannot be calculated with.
+            ValueError: If something is missing, unknown or out of range.
+        """
+        stored = restored(arrays)
         if str(stored.pop("format", "")) != _FORMAT:
-            raise ValueError(f"{file}: need format {_FORMAT!r}")
+            raise ValueError(f"need format {_FORMAT!r}")
         terms = {
             name.removeprefix(_TERM): stored.pop(name)
             for name in list(stored)
             if name.startswith(_TERM)
         }
-        missing = {f.name for f in fields(cls) if f.default is not None} - {keys.REWARD_TERMS}
-        if missing - stored.keys():
-            raise ValueError(f"{file}: missing {sorted(missing - stored.keys())}")
+        names = {f.name for f in fields(cls)} - {keys.REWARD_TERMS}
+        missing = {f.name for f in fields(cls) if f.default is not None} & names - stored.keys()
+        unknown = stored.keys() - names
+        if missing or unknown:
+            raise ValueError(f"missing {sorted(missing)}, unknown {sorted(unknown)}")
         plain = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
+        _check_plain(plain)
+        _check_finite({**plain, **{_TERM + name: term for name, term in terms.items()}})
         return cls(**plain, reward_terms=terms)
 
 
@@ -267,6 +288,42 @@ def record_episode(
 
 def _copy(value: Tensor) -> np.ndarray:
     return value.detach().cpu().numpy().copy()
+
+
+def _check_plain(values: Mapping[str, object]) -> None:
+    """Hold the texts and numbers of a file to what an episode can have.
+
+    Raises:
+        ValueError: At the first that is not, naming it.
+    """
+    known = (*OUTCOMES, ERROR)
+    if values["outcome"] not in known:
+        shown = str(values["outcome"])[:60]
+        raise ValueError(f"outcome={shown!r}: must be one of {', '.join(known)}")
+    for name in _POSITIVE:
+        if not is_number(values[name], 1e-6, 1e6):
+            raise ValueError(f"{name}={str(values[name])[:60]!r}: must be a positive number")
+    contact = values.get("contact")
+    if contact is not None and contact not in set(Contact):
+        raise ValueError(f"contact={contact!r}: must be one of {[int(code) for code in Contact]}")
+    if not isinstance(values["scenario"], str):
+        raise ValueError("scenario: must be text")
+    Scenario.from_json(values["scenario"])
+
+
+def _check_finite(values: Mapping[str, object]) -> None:
+    """Hold the arrays of a file to numbers, which are finite but where an absence is NaN.
+
+    Raises:
+        ValueError: At the first that is not, naming it.
+    """
+    for name, array in values.items():
+        if not isinstance(array, np.ndarray):
+            continue
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"{name}: must hold numbers, has type {array.dtype}")
+        if name not in _WITH_GAPS and not np.isfinite(array).all():
+            raise ValueError(f"{name}: must be finite")
 
 
 def _check_shape(name: str, array: np.ndarray, expected: tuple[int | None, ...]) -> None:

@@ -5,8 +5,6 @@ Their schema is in ``docs/evaluation.md``.
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from navrl.envs import Outcome
 from navrl.evaluation.metrics import METRICS, OF_ERROR
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
+from navrl.files import csv_text, write_json, write_text
 
 OUTCOMES = tuple(o.name.lower() for o in Outcome if o is not Outcome.RUNNING)
 """How an episode can end, by the names in the files; an error comes on top."""
@@ -119,15 +118,11 @@ def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
 
 
 def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict) -> None:
-    """Write ``episodes.csv`` and ``summary.json`` into ``folder``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "episodes.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for record in records:
-            values = {**_metrics(record), **vars(record)}
-            writer.writerow({name: _cell(values.get(name), name in _FLAGS) for name in COLUMNS})
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    """Write ``episodes.csv``, then ``summary.json``, into ``folder``: the latter completes both."""
+    values = ({**_metrics(record), **vars(record)} for record in records)
+    rows = ({name: _cell(row.get(name), name in _FLAGS) for name in COLUMNS} for row in values)
+    write_text(folder / "episodes.csv", csv_text(COLUMNS, rows))
+    write_json(folder / "summary.json", summary, indent=2)
 
 
 def _metrics(record: EpisodeRecord) -> Mapping[str, float | None]:

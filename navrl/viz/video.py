@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from navrl.evaluation.recording import Recording
+from navrl.files import replacing_path
 from navrl.viz.animation import render_frames
 
 _HOLD_S = 1.5  # s for which the last frame stays longer
@@ -40,8 +41,8 @@ def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -
         raise FileNotFoundError("MP4 needs the program ffmpeg: install it, e.g. apt install ffmpeg")
     frames = [_even(frame) for frame in render_frames(recording)]
     frames += [frames[-1]] * round(_HOLD_S * fps)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    _encode(program, np.stack(frames), fps, file)
+    with replacing_path(file) as fresh:
+        _encode(program, np.stack(frames), fps, fresh)
     return file
 
 
