@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
-_FORMULA_STARTS = tuple("=+-@\t\r\n")  # OWASP, CSV injection
+_FORMULA_STARTS = tuple("=+-@\t\n")  # OWASP, CSV injection
 
 
 @contextmanager
@@ -39,7 +39,7 @@ def replacing(file: str | Path) -> Iterator[BinaryIO]:
         try:
             yield stream
             stream.flush()
-            os.fsync(raw.fileno())
+            _synchronize(raw.fileno())
         except Exception as error:
             if raw.failure is not None:
                 raise raw.failure from error
@@ -149,13 +149,26 @@ class _RememberingFile(io.FileIO):
 
 
 def _safe_cell(value: object) -> object:
-    if not isinstance(value, str) or not value.startswith(_FORMULA_STARTS):
+    if not isinstance(value, str):
+        return value
+    value = value.replace(
+        "\r", "\n"
+    )  # the writer does not quote it, and spreadsheets end rows there
+    if not value.startswith(_FORMULA_STARTS):
         return value
     try:
         float(value)
     except ValueError:
         return f"'{value}"
     return value
+
+
+def _synchronize(descriptor: int) -> None:
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # as of a pipe or a terminal
+            raise
 
 
 def _synchronize_folder(folder: Path) -> None:

@@ -10,6 +10,8 @@ import csv
 import io
 import json
 import math
+import os
+import sys
 import zipfile
 import zlib
 from pathlib import Path
@@ -63,9 +65,9 @@ def read_text(file: str | Path, remedy: str, max_bytes: int = MAX_TEXT_BYTES) ->
     if file.exists() and not file.is_file():  # a pipe would block for ever
         raise DamagedFileError(file, "must be a regular file", remedy)
     with file.open("rb") as stream:
-        data = stream.read(max_bytes + 1)
-    if len(data) > max_bytes:
-        raise DamagedFileError(file, f"must have at most {max_bytes:,} bytes", remedy)
+        if os.fstat(stream.fileno()).st_size > max_bytes:
+            raise DamagedFileError(file, f"must have at most {max_bytes:,} bytes", remedy)
+        data = stream.read()
     try:
         return data.decode()
     except UnicodeDecodeError as error:
@@ -170,7 +172,7 @@ def read_arrays(
 def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> bool:
     """Return whether a value is a finite number in [low, high], and no bool."""
     is_real = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_real and math.isfinite(value) and low <= value <= high
+    return is_real and abs(value) <= sys.float_info.max and low <= value <= high
 
 
 def _of_kind(value: object, kind: type, file: str | Path, remedy: str) -> Any:

@@ -119,7 +119,9 @@ def _check_rows(rows: Sequence[Mapping[str, str]]) -> None:
     Raises:
         ValueError: At the first that is not, naming column and row.
     """
-    missing = [name for name in ("index", *_TEXTS) if rows and name not in rows[0]]
+    if not rows:
+        return
+    missing = [name for name in ("index", *_TEXTS) if name not in rows[0]]
     if missing:
         raise ValueError(f"columns {missing} are missing")
     numeric = [name for name in COLUMNS if name not in (*_TEXTS, "error") and name in rows[0]]

@@ -202,8 +202,8 @@ class Scenario:
         """
         try:
             plain = json.loads(text)
-        except RecursionError as error:
-            raise ValueError("scenario: is nested too deeply") from error
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"scenario: no JSON ({error})") from error
         return cls.from_dict(plain)
 
     def save(self, file: str | Path) -> None:
