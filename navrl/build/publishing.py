@@ -10,7 +10,7 @@ from navrl.build.provenance import recorded_origins
 from navrl.evaluation import Evaluation, find_evaluations
 from navrl.files import csv_text, markdown_text, write_text
 from navrl.policies import load_bundle, save_bundle
-from navrl.untrusted import read_table, read_yaml
+from navrl.untrusted import DamagedFileError, is_number, read_table, read_yaml
 
 CURVE = "curve.csv"
 _CURVE_COLUMNS = {
@@ -73,20 +73,26 @@ def publish(
 
 
 def _read_curve(file: Path) -> list[dict[str, str]]:
-    rows = read_table(file, "restore the run's log", is_log=True)
+    remedy = "restore the run's log"
+    rows = read_table(file, remedy, is_log=True)
     rows = [row for row in rows if row.get("evaluation/success_rate")]
-    return [{name: row.get(name) or "" for name in _CURVE_COLUMNS} for row in rows]
+    curve = [{name: row.get(name) or "" for name in _CURVE_COLUMNS} for row in rows]
+    try:
+        _ = [float(cell or "nan") for row in curve for cell in row.values()]
+    except ValueError as error:
+        raise DamagedFileError(file, f"must hold numbers ({error})", remedy) from error
+    return curve
 
 
 def _origin(run: Path, metrics: dict) -> str:
     remedy = "restore it, or write [] into it and the command into the card"
     overrides = map(str, read_yaml(run / ".hydra" / "overrides.yaml", remedy, list))
     words = [word for word in overrides if not word.startswith(_NOT_OF_THE_RUN)]
-    command = shlex.join(["navrl-train", *words])
-    parts = "; ".join(recorded_origins(run)) or "origin not recorded"
-    missing = [name for name in ("seconds", "updates", "frames") if name not in metrics]
+    command = " ".join(shlex.join(["navrl-train", *words]).split("\n"))  # a line ends no fence
+    parts = "; ".join(map(markdown_text, recorded_origins(run))) or "origin not recorded"
+    missing = [n for n in ("seconds", "updates", "frames") if not is_number(metrics.get(n), 0)]
     if missing:
-        raise ValueError(f"{run / 'policy' / 'metrics.json'}: {missing} missing")
+        raise ValueError(f"{run / 'policy' / 'metrics.json'}: {missing} missing or no numbers")
     minutes = metrics["seconds"] / 60
     return (
         f"Trained by\n\n```\n{command}\n```\n\n"

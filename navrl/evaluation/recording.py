@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -14,19 +14,16 @@ from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.envs import NavigationEnv, Outcome
-from navrl.evaluation.results import OUTCOMES
+from navrl.evaluation.recording_checks import check_finite, check_plain, check_shape
 from navrl.evaluation.rollout import ERROR, evaluate
 from navrl.evaluation.rounding import restored, rounded
 from navrl.files import replacing
-from navrl.sim import Contact
-from navrl.untrusted import DamagedFileError, is_number, read_arrays
+from navrl.untrusted import DamagedFileError, read_arrays
 from navrl.worlds import Scenario, ScenarioBatch
 
 _FORMAT = "navrl-recording-1"
 _REMEDY = "delete it or record the episode again"
 _TERM = f"{keys.REWARD_TERMS}/"
-_POSITIVE = ("time_step_s", "robot_radius", "goal_radius", "max_range")
-_WITH_GAPS = (keys.PEDESTRIAN_BOXES, keys.RANGES)  # nobody there, no return
 OBSERVED = {  # feature shape after time; None is any size
     keys.POSE: (3,),
     keys.PEDESTRIAN_BOXES: (None, 5),
@@ -114,7 +111,7 @@ class Recording:
             expected[_TERM + name], arrays[_TERM + name] = (steps,), term
         for name, array in arrays.items():
             if array is not None:
-                _check_shape(name, array, expected[name])
+                check_shape(name, array, expected[name])
 
     @classmethod
     def of_episode(
@@ -201,8 +198,8 @@ class Recording:
         if missing or unknown:
             raise ValueError(f"missing {sorted(missing)}, unknown {sorted(unknown)}")
         plain = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
-        _check_plain(plain)
-        _check_finite({**plain, **{_TERM + name: term for name, term in terms.items()}})
+        check_plain(plain)
+        check_finite({**plain, **{_TERM + name: term for name, term in terms.items()}})
         return cls(**plain, reward_terms=terms)
 
 
@@ -288,48 +285,3 @@ def record_episode(
 
 def _copy(value: Tensor) -> np.ndarray:
     return value.detach().cpu().numpy().copy()
-
-
-def _check_plain(values: Mapping[str, object]) -> None:
-    """Hold the texts and numbers of a file to what an episode can have.
-
-    Raises:
-        ValueError: At the first that is not, naming it.
-    """
-    known = (*OUTCOMES, ERROR)
-    if values["outcome"] not in known:
-        shown = str(values["outcome"])[:60]
-        raise ValueError(f"outcome={shown!r}: must be one of {', '.join(known)}")
-    for name in _POSITIVE:
-        if not is_number(values[name], 1e-6, 1e6):
-            raise ValueError(f"{name}={str(values[name])[:60]!r}: must be a positive number")
-    contact = values.get("contact")
-    if contact is not None and contact not in set(Contact):
-        raise ValueError(f"contact={contact!r}: must be one of {[int(code) for code in Contact]}")
-    if not isinstance(values["scenario"], str):
-        raise ValueError("scenario: must be text")
-    Scenario.from_json(values["scenario"])
-
-
-def _check_finite(values: Mapping[str, object]) -> None:
-    """Hold the arrays of a file to numbers, which are finite but where an absence is NaN.
-
-    Raises:
-        ValueError: At the first that is not, naming it.
-    """
-    for name, array in values.items():
-        if not isinstance(array, np.ndarray):
-            continue
-        if array.dtype.kind not in "biuf":
-            raise ValueError(f"{name}: must hold numbers, has type {array.dtype}")
-        if name not in _WITH_GAPS and not np.isfinite(array).all():
-            raise ValueError(f"{name}: must be finite")
-
-
-def _check_shape(name: str, array: np.ndarray, expected: tuple[int | None, ...]) -> None:
-    got = np.shape(array)
-    fits = len(got) == len(expected) and all(
-        want is None or want == have for want, have in zip(expected, got, strict=True)
-    )
-    if not fits:
-        raise ValueError(f"{name}: need shape {list(expected)}, got {list(got)}")

@@ -10,7 +10,7 @@ _MAX_NAME = 500  # characters; labels of swept policies have about 60
 _SHOWN = 60  # characters of a wrong value in a message
 
 _TEXTS = ("policy", "suite", "suite_hash", "simulator")
-_PART = {"episodes", "success_rate", "success_interval"}  # of each kind of world
+_PART = {"episodes", "success_rate"}  # of each kind of world
 _NEEDED = (*_TEXTS, "episodes", "success_rate", "collision_rate", "timeout_rate")
 
 

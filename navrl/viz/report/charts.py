@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from navrl.evaluation.comparison import ComparisonTable
+from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.curves import TrainingLog
 from navrl.viz.rates import (
@@ -105,7 +106,9 @@ def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go
         if len(worlds) < 2:
             continue
         rates = np.array([part["success_rate"] for part in worlds.values()])
-        low, high = np.array([part["success_interval"] for part in worlds.values()]).T
+        counts = [part["episodes"] for part in worlds.values()]
+        won = (round(rate * n) for rate, n in zip(rates, counts, strict=True))
+        low, high = np.array(list(map(wilson_interval, won, counts))).T
         name = literal(row.policy)
         figure.add_bar(
             x=list(map(literal, worlds)),
@@ -113,7 +116,7 @@ def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go
             name=name,
             marker=_bar_look(i),
             error_y=_error_bars(rates, low, high),
-            customdata=[part["episodes"] for part in worlds.values()],
+            customdata=counts,
             hovertemplate=f"{name}, %{{x}}: %{{y:.1%}} of %{{customdata}}<extra></extra>",
         )
     if not figure.data:
