@@ -21,6 +21,8 @@ from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from navrl.files import explain_os_error
+
 CONF_DIR = next(
     folder.resolve()
     for folder in (Path(__file__).parent / "conf", Path(__file__).parent.parent / "conf")
@@ -146,7 +148,8 @@ def describe(error: BaseException) -> str:
         if error.__cause__ is None:
             break
         error = error.__cause__
-    text = re.sub(r"\s+", " ", str(error)).strip()
+    shown = explain_os_error(error) if isinstance(error, OSError) else str(error)
+    text = re.sub(r"\s+", " ", shown).strip()
     text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
     text = text.partition(" Config search path:")[0]
     name = "" if isinstance(error, _USER_ERRORS) else f"{type(error).__name__}: "

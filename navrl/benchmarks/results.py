@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from navrl.benchmarks.growth import fit_exponents
+from navrl.files import write_json
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class Report:
 
     def save(self, file: Path) -> None:
         """Write as JSON."""
-        file.write_text(json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n")
+        write_json(file, self.to_dict(), indent=2, ensure_ascii=False)
 
     def table(self) -> str:
         """Return the rows as an aligned Markdown table, with the machine above."""

@@ -153,9 +153,9 @@ def _with_controller(cfg: DictConfig) -> DictConfig:
     Raises:
         ValueError: If there is none, listing those there are.
     """
-    file = CONF_DIR / "controller" / f"{cfg.policy}.yaml"
-    if not file.is_file():
-        known = sorted(path.stem for path in file.parent.glob("*.yaml"))
+    files = {path.stem: path for path in (CONF_DIR / "controller").glob("*.yaml")}
+    if cfg.policy not in files:  # never a path: that would build a node unchecked
+        known = sorted(files)
         if cfg.policy in ("all", "zoo", "controllers"):
             raise ValueError(f"policy={cfg.policy}: several, which need a sweep: navrl-evaluate -m")
         raise ValueError(
@@ -164,7 +164,8 @@ def _with_controller(cfg: DictConfig) -> DictConfig:
         )
     changed = {part: cfg[part] for part in PARTS if part in cfg.change}
     return _replaced(
-        cfg, OmegaConf.merge({"controller": OmegaConf.load(file), **changed}, cfg.change)
+        cfg,
+        OmegaConf.merge({"controller": OmegaConf.load(files[cfg.policy]), **changed}, cfg.change),
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +19,8 @@ from navrl.config import instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import evaluate
 from navrl.evaluation.metrics import controller_latency
-from navrl.evaluation.stored import LATENCY
+from navrl.evaluation.stored import LATENCY, read_latency
+from navrl.files import write_json
 from navrl.worlds import ScenarioBatch
 
 _SENSED = (keys.RANGES, keys.POSE, keys.PATH)
@@ -49,7 +49,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     count, file = min(cfg.get("latency", 0), cfg.suite.num_episodes), folder / LATENCY
     if count == 0:
         return None
-    known = _measured(file)
+    known = read_latency(folder) or {}
     if known.get("episodes") == count:
         return known
     scenarios = instantiate(cfg.suite).scenarios(range(count))
@@ -63,16 +63,8 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
             evaluate(contender.env, clock, ScenarioBatch.pack([scenario]))
     contender.env.close()
     found = {**controller_latency(clock.decisions), "episodes": count}
-    file.write_text(json.dumps(found, indent=2) + "\n")
+    write_json(file, found, indent=2)
     return found
-
-
-def _measured(file: Path) -> dict:
-    """Return what was measured before; nothing of a file that is missing or cut off."""
-    try:
-        return json.loads(file.read_text())
-    except (FileNotFoundError, ValueError):
-        return {}
 
 
 class _Clock:

@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 
 import navrl
+from navrl.untrusted import read_text
 
 _FILE = "commands.txt"
 
@@ -28,7 +29,7 @@ def record_command(folder: Path) -> None:
 def recorded_commands(folder: Path) -> str:
     """Return what :func:`record_command` wrote, oldest first; empty if nothing was recorded."""
     file = folder / _FILE
-    return file.read_text(encoding="utf-8") if file.is_file() else ""
+    return read_text(file, "delete it") if file.is_file() else ""
 
 
 def recorded_origins(folder: Path) -> list[str]:

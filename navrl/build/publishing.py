@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-
-import yaml
 
 from navrl.build.evaluation import bundle_folder
 from navrl.build.inputs import bundle_files, policy_hash
 from navrl.build.provenance import recorded_origins
 from navrl.evaluation import Evaluation, find_evaluations
+from navrl.files import csv_text, markdown_text, write_text
 from navrl.policies import load_bundle, save_bundle
+from navrl.untrusted import DamagedFileError, is_number, read_table, read_yaml
 
 CURVE = "curve.csv"
 _CURVE_COLUMNS = {
@@ -74,7 +72,7 @@ def publish(
     ]
     card = "\n\n".join(part for part in parts if part) + "\n"
     save_bundle(out, config=config, actor=actor, metrics=bundle.metrics, card=card)
-    (out / CURVE).write_text(_csv(curve), encoding="utf-8")
+    write_text(out / CURVE, csv_text(list(_CURVE_COLUMNS), curve))
     return out
 
 
@@ -95,28 +93,26 @@ def _check_policy(evaluations: Sequence[Evaluation], bundles: Sequence[Path]) ->
 
 
 def _read_curve(file: Path) -> list[dict[str, str]]:
-    with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
+    remedy = "restore the run's log"
+    rows = read_table(file, remedy, is_log=True)
     rows = [row for row in rows if row.get("evaluation/success_rate")]
-    return [{name: row.get(name) or "" for name in _CURVE_COLUMNS} for row in rows]
-
-
-def _csv(rows: Sequence[dict[str, str]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(_CURVE_COLUMNS), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    curve = [{name: row.get(name) or "" for name in _CURVE_COLUMNS} for row in rows]
+    try:
+        _ = [float(cell or "nan") for row in curve for cell in row.values()]
+    except ValueError as error:
+        raise DamagedFileError(file, f"must hold numbers ({error})", remedy) from error
+    return curve
 
 
 def _origin(run: Path, metrics: dict) -> str:
-    overrides = yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text(encoding="utf-8"))
+    remedy = "restore it, or write [] into it and the command into the card"
+    overrides = map(str, read_yaml(run / ".hydra" / "overrides.yaml", remedy, list))
     words = [word for word in overrides if not word.startswith(_NOT_OF_THE_RUN)]
-    command = shlex.join(["navrl-train", *words])
-    parts = "; ".join(recorded_origins(run)) or "origin not recorded"
-    missing = [name for name in ("seconds", "updates", "frames") if name not in metrics]
+    command = " ".join(shlex.join(["navrl-train", *words]).split("\n"))  # a line ends no fence
+    parts = "; ".join(map(markdown_text, recorded_origins(run))) or "origin not recorded"
+    missing = [n for n in ("seconds", "updates", "frames") if not is_number(metrics.get(n), 0)]
     if missing:
-        raise ValueError(f"{run / 'policy' / 'metrics.json'}: {missing} missing")
+        raise ValueError(f"{run / 'policy' / 'metrics.json'}: {missing} missing or no numbers")
     minutes = metrics["seconds"] / 60
     return (
         f"Trained by\n\n```\n{command}\n```\n\n"
@@ -138,16 +134,18 @@ def _scores(evaluations: Sequence[Evaluation]) -> str:
     for evaluation in evaluations:
         summary = evaluation.summary
         rates = " | ".join(_rate(summary, name) for name in ("success", "collision", "timeout"))
-        seconds = summary["navigation_time_s"]
+        seconds = summary.get("navigation_time_s")
         time = "-" if seconds is None else f"{seconds:.1f} s"
         lines.append(
-            f"| {summary['suite']} | {summary['suite_hash'][:12]} | {summary['simulator']} | "
+            f"| {' | '.join(map(markdown_text, evaluation.setting_shown))} | "
             f"{summary['episodes']} | {rates} | {time} |"
         )
     return "\n".join(lines)
 
 
 def _rate(summary: dict, name: str) -> str:
+    if f"{name}_interval" not in summary:
+        return f"{100 * summary[f'{name}_rate']:.1f} %"
     low, high = summary[f"{name}_interval"]
     return f"{100 * summary[f'{name}_rate']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
 

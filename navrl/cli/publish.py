@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from navrl.build.publishing import publish
+from navrl.config import describe
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -16,7 +17,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         folder = publish(**vars(options))
     except (OSError, ValueError) as error:
-        print(f"navrl: {error}", file=sys.stderr)
+        print(f"navrl: {describe(error)}", file=sys.stderr)
         sys.exit(2)
     size = sum(file.stat().st_size for file in folder.iterdir())
     print(f"{folder}: {size / 1e6:.1f} MB; navrl-evaluate policy={folder}")

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from navrl.config import describe
 from navrl.viz.report import write_report
 
 
@@ -17,7 +18,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         file = write_report(options.folders, out, options.reference, options.episodes)
     except (ImportError, OSError, ValueError) as error:
-        print(f"navrl: {error}", file=sys.stderr)
+        line = str(error) if isinstance(error, ImportError) else describe(error)
+        print(f"navrl: {line}", file=sys.stderr)
         sys.exit(2)
     print(f"{file}: {file.stat().st_size / 1e6:.1f} MB, opens in any browser, needs no network")
 

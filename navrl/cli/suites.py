@@ -7,6 +7,7 @@ import os
 import sys
 
 from navrl.build.suites import check_frozen, freeze, frozen_suites
+from navrl.config import describe
 from navrl.worlds import FrozenSuiteError, frozen_episodes
 
 
@@ -31,8 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         entries = frozen_suites(options.names)
         return max([_act(options.action, entry, options.num_workers) for entry in entries])
-    except ValueError as error:
-        print(f"navrl: {error}", file=sys.stderr)
+    except (OSError, ValueError) as error:
+        print(f"navrl: {describe(error)}", file=sys.stderr)
         return 2
 
 

@@ -99,10 +99,7 @@ class EpisodeArchive:
         self._folder.mkdir(parents=True, exist_ok=True)
         for row, record in enumerate(records):
             if _is_kept(record.outcome, self._keep):
-                file = _file(self._folder, record.index)
-                fresh = file.with_name(f"{file.stem}.part.npz")
-                self._recording(row, record).save(fresh, compact=True)
-                fresh.replace(file)
+                self._recording(row, record).save(_file(self._folder, record.index), compact=True)
         self.begin(range(0))
 
     def _recording(self, row: int, record: EpisodeRecord) -> Recording:

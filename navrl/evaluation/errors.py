@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
+from navrl.files import write_json
 from navrl.worlds import Scenario
 
 ERRORS = "errors"
@@ -40,7 +40,5 @@ def write_errors(
             "scenario": scenario.to_dict(),
         }
         file = folder / ERRORS / f"{record.index:06d}.json"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(plain, indent=1) + "\n")
-        files.append(file)
+        files.append(write_json(file, plain, indent=1))
     return files

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -15,11 +14,15 @@ from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.envs import NavigationEnv, Outcome
+from navrl.evaluation.recording_checks import check_finite, check_plain, check_shape
 from navrl.evaluation.rollout import ERROR, evaluate
 from navrl.evaluation.rounding import restored, rounded
+from navrl.files import replacing
+from navrl.untrusted import DamagedFileError, read_arrays
 from navrl.worlds import Scenario, ScenarioBatch
 
 _FORMAT = "navrl-recording-1"
+_REMEDY = "delete it or record the episode again"
 _TERM = f"{keys.REWARD_TERMS}/"
 OBSERVED = {  # feature shape after time; None is any size
     keys.POSE: (3,),
@@ -108,7 +111,7 @@ class Recording:
             expected[_TERM + name], arrays[_TERM + name] = (steps,), term
         for name, array in arrays.items():
             if array is not None:
-                _check_shape(name, array, expected[name])
+                check_shape(name, array, expected[name])
 
     @classmethod
     def of_episode(
@@ -156,7 +159,8 @@ class Recording:
         values = {name: value for name, value in vars(self).items() if value is not None}
         terms = values.pop(keys.REWARD_TERMS)
         values |= {_TERM + name: term for name, term in terms.items()}
-        np.savez_compressed(file, format=_FORMAT, **(rounded(values) if compact else values))
+        with replacing(file) as stream:
+            np.savez_compressed(stream, format=_FORMAT, **(rounded(values) if compact else values))
 
     @classmethod
     def load(cls, file: str | Path) -> Recording:
@@ -164,24 +168,38 @@ class Recording:
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If it is no recording.
+            DamagedFileError: If it is damaged, no recording, or holds values out of range.
         """
+        arrays = read_arrays(file, _REMEDY)
         try:
-            with np.load(file, allow_pickle=False) as archive:
-                stored = restored({name: archive[name] for name in archive.files})
-        except (AttributeError, TypeError, ValueError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{file}: no recording of navrl ({error})") from error
+            return cls._of_arrays(arrays)
+        except (TypeError, ValueError) as error:
+            raise DamagedFileError(file, f"no recording of navrl ({error})", _REMEDY) from error
+
+    @classmethod
+    def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> Recording:
+        """Rebuild from what a file holds.
+
+        Raises:
+            TypeError: If an array cannot be calculated with.
+            ValueError: If something is missing, unknown or out of range.
+        """
+        stored = restored(arrays)
         if str(stored.pop("format", "")) != _FORMAT:
-            raise ValueError(f"{file}: need format {_FORMAT!r}")
+            raise ValueError(f"need format {_FORMAT!r}")
         terms = {
             name.removeprefix(_TERM): stored.pop(name)
             for name in list(stored)
             if name.startswith(_TERM)
         }
-        missing = {f.name for f in fields(cls) if f.default is not None} - {keys.REWARD_TERMS}
-        if missing - stored.keys():
-            raise ValueError(f"{file}: missing {sorted(missing - stored.keys())}")
+        names = {f.name for f in fields(cls)} - {keys.REWARD_TERMS}
+        missing = {f.name for f in fields(cls) if f.default is not None} & names - stored.keys()
+        unknown = stored.keys() - names
+        if missing or unknown:
+            raise ValueError(f"missing {sorted(missing)}, unknown {sorted(unknown)}")
         plain = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
+        check_plain(plain)
+        check_finite({**plain, **{_TERM + name: term for name, term in terms.items()}})
         return cls(**plain, reward_terms=terms)
 
 
@@ -267,12 +285,3 @@ def record_episode(
 
 def _copy(value: Tensor) -> np.ndarray:
     return value.detach().cpu().numpy().copy()
-
-
-def _check_shape(name: str, array: np.ndarray, expected: tuple[int | None, ...]) -> None:
-    got = np.shape(array)
-    fits = len(got) == len(expected) and all(
-        want is None or want == have for want, have in zip(expected, got, strict=True)
-    )
-    if not fits:
-        raise ValueError(f"{name}: need shape {list(expected)}, got {list(got)}")

@@ -5,12 +5,8 @@ Their schema is in ``docs/evaluation.md``.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,6 +16,7 @@ from navrl.envs import Outcome
 from navrl.evaluation.metrics import METRICS, OF_ERROR
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
+from navrl.files import csv_text, write_json, write_text
 
 EPISODES, SUMMARY = "episodes.csv", "summary.json"
 """Files of an evaluation."""
@@ -131,29 +128,13 @@ def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict)
     Returns:
         The summary as it is written: with ``episodes_hash``, SHA-256 of the former file.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = _comma_separated(records).encode()
-    summary = {**summary, "episodes_hash": hashlib.sha256(rows).hexdigest()}
-    _replace(folder / EPISODES, rows)
-    _replace(folder / SUMMARY, (json.dumps(summary, indent=2) + "\n").encode())
+    values = ({**_metrics(record), **vars(record)} for record in records)
+    rows = ({name: _cell(row.get(name), name in _FLAGS) for name in COLUMNS} for row in values)
+    text = csv_text(COLUMNS, rows)
+    summary = {**summary, "episodes_hash": hashlib.sha256(text.encode()).hexdigest()}
+    write_text(folder / EPISODES, text)
+    write_json(folder / SUMMARY, summary, indent=2)
     return summary
-
-
-def _comma_separated(records: Sequence[EpisodeRecord]) -> str:
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    for record in records:
-        values = {**_metrics(record), **vars(record)}
-        writer.writerow({name: _cell(values.get(name), name in _FLAGS) for name in COLUMNS})
-    return text.getvalue()
-
-
-def _replace(file: Path, content: bytes) -> None:
-    """Write a file so that it is there as a whole or not at all."""
-    fresh = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-    fresh.write_bytes(content)
-    fresh.replace(file)
 
 
 def _metrics(record: EpisodeRecord) -> Mapping[str, float | None]:

@@ -5,15 +5,14 @@ The columns are documented in ``docs/evaluation.md``.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
-from io import StringIO
 
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
 from navrl.evaluation.pairing import COLLISIONS, MetricComparison
 from navrl.evaluation.seeds import OverSeeds, SeedSummary
 from navrl.evaluation.statistics import Estimate
+from navrl.files import csv_text
 
 _RATES = ("success", "collision", "timeout")
 
@@ -53,12 +52,8 @@ def is_nothing(value: object) -> bool:
 
 
 def _csv(rows: Sequence[Mapping[str, object]]) -> str:
-    text = StringIO(newline="")
-    if rows:
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({k: "" if is_nothing(v) else v for k, v in row.items()} for row in rows)
-    return text.getvalue()
+    known = ({k: None if is_nothing(v) else v for k, v in row.items()} for row in rows)
+    return csv_text(list(rows[0]), known) if rows else ""
 
 
 def _flat(table: ComparisonTable, row: ComparisonRow) -> dict[str, object]:

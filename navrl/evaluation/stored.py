@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import json
+import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from navrl.evaluation.results import EPISODES, SUMMARY
+from navrl.evaluation.results import COLUMNS, EPISODES, SUMMARY
+from navrl.evaluation.summaries import check_summary
+from navrl.untrusted import DamagedFileError, is_number, read_json, read_table
+
+LOG = logging.getLogger(__name__)
+_TEXTS = ("scenario", "outcome")  # columns of episodes.csv, beside the traceback in error
+_REMEDY = "restore the folder, or delete this file and run the same evaluation again"
 
 LATENCY = "latency.json"
 """File beside the results with what the clock says, if decisions were timed."""
@@ -29,6 +34,21 @@ class Evaluation:
     folder: Path
     summary: Mapping
 
+    @classmethod
+    def load(cls, folder: Path) -> Evaluation:
+        """Read ``summary.json``; ``episodes.csv`` is read when it is needed.
+
+        Raises:
+            OSError: If it is missing or may not be read.
+            DamagedFileError: If it is damaged or holds values of the wrong kind.
+        """
+        file = Path(folder) / "summary.json"
+        summary = read_json(file, _REMEDY)
+        wrong = check_summary(summary)
+        if wrong is not None:
+            raise DamagedFileError(file, wrong, _REMEDY)
+        return cls(Path(folder), summary)
+
     @property
     def label(self) -> str:
         """The policy, with what was changed about it."""
@@ -41,6 +61,12 @@ class Evaluation:
         return tuple(str(self.summary[name]) for name in ("suite", "suite_hash", "simulator"))
 
     @property
+    def setting_shown(self) -> tuple[str, str, str]:
+        """:attr:`setting` with the beginning of the hash alone."""
+        suite, suite_hash, simulator = self.setting
+        return suite, suite_hash[:12], simulator
+
+    @property
     def is_frozen(self) -> bool:
         """Whether the suite was checked against the frozen one of its name.
 
@@ -50,15 +76,28 @@ class Evaluation:
 
     @cached_property
     def latency(self) -> Mapping[str, float]:
-        """What :func:`navrl.evaluation.metrics.controller_latency` said; empty if not timed."""
-        file = self.folder / LATENCY
-        return json.loads(file.read_text()) if file.is_file() else {}
+        """What :func:`navrl.evaluation.metrics.controller_latency` returned; empty if not timed."""
+        return read_latency(self.folder) or {}
 
     @cached_property
     def episodes(self) -> dict[int, Mapping[str, str]]:
-        """The rows of ``episodes.csv`` by the episode's index; columns are found by name."""
-        with (self.folder / EPISODES).open(newline="") as file:
-            return {int(row["index"]): row for row in csv.DictReader(file)}
+        """The rows of ``episodes.csv`` by the episode's index; columns are found by name.
+
+        Raises:
+            OSError: If it is missing or may not be read.
+            DamagedFileError: If it is damaged, or has more or fewer episodes than the summary.
+        """
+        file = self.folder / "episodes.csv"
+        rows = read_table(file, _REMEDY)
+        try:
+            _check_rows(rows)
+            by_index = {int(row["index"]): row for row in rows}
+        except ValueError as error:
+            raise DamagedFileError(file, error, _REMEDY) from error
+        if len(by_index) != self.summary["episodes"]:
+            found = f"has {len(by_index)} episodes, summary.json has {self.summary['episodes']}"
+            raise DamagedFileError(file, found, _REMEDY)
+        return by_index
 
     @cached_property
     def success(self) -> dict[int, bool]:
@@ -75,27 +114,72 @@ class Evaluation:
         return {index: value for index, value in values.items() if math.isfinite(value)}
 
 
+def _check_rows(rows: Sequence[Mapping[str, str]]) -> None:
+    """Hold the cells of ``episodes.csv`` to what their columns may have.
+
+    Raises:
+        ValueError: At the first that is not, naming column and row.
+    """
+    if not rows:
+        return
+    missing = [name for name in ("index", *_TEXTS) if name not in rows[0]]
+    if missing:
+        raise ValueError(f"columns {missing} are missing")
+    numeric = [name for name in COLUMNS if name not in (*_TEXTS, "error") and name in rows[0]]
+    for row in rows:
+        for name in numeric:
+            try:
+                float(row[name] or "nan")
+            except ValueError:
+                place = f"row of episode {row['index'][:20]}"
+                raise ValueError(f"{place}: {name}={row[name][:60]!r}: must be a number") from None
+
+
 def whole_results(folder: Path) -> dict | None:
     """Return the summary in a folder if it and the episodes it belongs to are whole.
+
+    A damaged file is named in a warning: it means that the suite is to be played again.
 
     Returns:
         ``None`` if a file is missing, cut off or altered, or older than ``episodes_hash``.
     """
     try:
-        summary = json.loads((folder / SUMMARY).read_text())
+        evaluation = Evaluation.load(folder)
+        _ = evaluation.episodes
         played = hashlib.sha256((folder / EPISODES).read_bytes()).hexdigest()
-    except (FileNotFoundError, ValueError):
+    except FileNotFoundError:
         return None
-    is_whole = isinstance(summary, dict) and summary.get("episodes_hash") == played
-    return summary if is_whole else None
+    except DamagedFileError as error:
+        LOG.warning("%s: the evaluation is played again", str(error).removesuffix(f"; {_REMEDY}"))
+        return None
+    summary = dict(evaluation.summary)
+    return summary if summary.get("episodes_hash") == played else None
+
+
+def read_latency(folder: Path) -> Mapping[str, float] | None:
+    """Return what ``latency.json`` of an evaluation holds; ``None`` if decisions were not timed.
+
+    Raises:
+        DamagedFileError: If it is damaged or holds anything but numbers.
+    """
+    file = folder / LATENCY
+    if not file.is_file():
+        return None
+    remedy = "delete it and time the decisions again with latency=EPISODES"
+    found = read_json(file, remedy)
+    wrong = [name for name, value in found.items() if not is_number(value)]
+    missing = sorted({"median_ms", "p95_ms", "calls"} - found.keys())
+    if wrong or missing:
+        raise DamagedFileError(file, f"{wrong + missing}: must be numbers", remedy)
+    return found
 
 
 def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
     """Return every evaluation in or below some folders, in the order of their paths.
 
     Raises:
-        ValueError: If a folder does not exist or holds none, or episodes are not those that a
-            summary counts.
+        ValueError: If a folder does not exist or holds none, if a file is damaged, or if episodes
+            are not those that a summary counts.
     """
     found: dict[Path, Evaluation] = {}
     for folder in map(Path, folders):
@@ -104,7 +188,7 @@ def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
         if not files:
             raise ValueError(f"{folder}: no evaluation there ({SUMMARY} and {EPISODES})")
         for file in files:
-            found[file.parent] = Evaluation(file.parent, json.loads(file.read_text()))
+            found[file.parent] = Evaluation.load(file.parent)
             _check_whole(found[file.parent])
     return list(found.values())
 

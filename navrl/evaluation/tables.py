@@ -26,6 +26,7 @@ from navrl.evaluation.statistics import (
     interval_text,
     p_value_text,
 )
+from navrl.files import markdown_text, write_text
 
 NAME = "comparison"
 """Of the files."""
@@ -43,7 +44,6 @@ def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Pa
         if an approach was trained with several seeds.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     texts = {
         ".md": "\n".join(markdown(table) for table in tables),
         ".csv": comma_separated(tables),
@@ -54,7 +54,7 @@ def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Pa
     texts = {suffix: text for suffix, text in texts.items() if text or suffix != "_seeds.csv"}
     files = [folder / f"{NAME}{suffix}" for suffix in texts]
     for file, text in zip(files, texts.values(), strict=True):
-        file.write_text(text, encoding="utf-8")
+        write_text(file, text)
     return files
 
 
@@ -64,18 +64,18 @@ def markdown(table: ComparisonTable) -> str:
     header = ["policy", "n", *_RATES, "time of successes"]
     header += [f"time where all succeed, n={table.finished_by_all}"]
     if reference:
-        header += [f"success vs `{reference}`", "p (McNemar, Holm)"]
+        header += [f"success vs {_code(reference)}", "p (McNemar, Holm)"]
     has_published = any(row.published for row in table.rows)
     if has_published:
         header += ["the paper's own success / collision / timeout / time"]
     compared = (
-        f"; differences on the same episodes, in points, to `{reference}`; p corrected by Holm for "
-        "the number of tests in its column."
+        "; differences on the same episodes, in points, to "
+        f"{_code(reference or '')}; p corrected by Holm for the number of tests in its column."
     )
     lines = [
-        f"### {table.title}, {table.simulator}",
+        f"### {markdown_text(table.title)}, {markdown_text(table.simulator)}",
         "",
-        f"Episodes: hash `{table.suite_hash}`. Rates with 95 % Wilson intervals"
+        f"Episodes: hash {_code(table.suite_hash)}. Rates with 95 % Wilson intervals"
         + (compared if reference else "."),
         "",
         "| " + " | ".join(header) + " |",
@@ -103,9 +103,9 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
         raise ValueError(f"metrics={unknown}: must be some of {', '.join(COMPARABLE)}")
     reference = table.reference
     header = ["metric", "policy", "mean", "n", "mean where all succeed", "n"]
-    header += [f"vs `{reference}`", "pairs", "p (sign flips)"] if reference else []
+    header += [f"vs {_code(reference)}", "pairs", "p (sign flips)"] if reference else []
     lines = [
-        f"#### Metrics on {table.title}, {table.simulator}",
+        f"#### Metrics on {markdown_text(table.title)}, {markdown_text(table.simulator)}",
         "",
         "Means with 95 % intervals, of collisions Wilson intervals. What grows with an episode's "
         "length is taken over successes, latencies over decisions, the rest over all episodes; "
@@ -131,14 +131,15 @@ def _lead_lines(table: ComparisonTable) -> list[str]:
     if lead.is_tie:
         rate = next(row.rates["success"] for row in table.rows if row.policy == lead.best)
         tie = (
-            f"`{lead.best}` and `{lead.second}` tie: {100 * rate:.1f} % of the same episodes each."
+            f"{_code(lead.best)} and {_code(lead.second)} tie: "
+            f"{100 * rate:.1f} % of the same episodes each."
         )
         return ["", tie]
     points = _points(lead.difference, lead.difference_interval)
     return [
         "",
-        f"The best, `{lead.best}`, against the next, `{lead.second}`, on the same episodes: "
-        f"{points} points of success{_test(lead.p_value)}.",
+        f"The best, {_code(lead.best)}, against the next, {_code(lead.second)}, on the same "
+        f"episodes: {points} points of success{_test(lead.p_value)}.",
     ]
 
 
@@ -160,7 +161,7 @@ def _collision_lines(table: ComparisonTable) -> list[str]:
         "| policy | wall | furniture | moved into a person | run into by a person |",
         "|---|---|---|---|---|",
         *(
-            f"| `{row.policy}` | {' | '.join(_rate(row, name) for name in COLLISIONS)} |"
+            f"| {_code(row.policy)} | {' | '.join(_rate(row, name) for name in COLLISIONS)} |"
             for row in table.rows
         ),
     ]
@@ -180,7 +181,9 @@ def _seed_lines(table: ComparisonTable) -> list[str]:
     ]
     for item in table.seeds:
         cells = " | ".join(_over_seeds(found) for found in item.metrics)
-        lines.append(f"| `{item.approach}` | {len(item.seeds)} | {cells} | {item.episodes:,} |")
+        lines.append(
+            f"| {_code(item.approach)} | {len(item.seeds)} | {cells} | {item.episodes:,} |"
+        )
     return lines
 
 
@@ -203,7 +206,7 @@ def _percent(estimate: Estimate) -> str:
 def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str | None) -> list[str]:
     own, common, difference = metric.own, metric.common, metric.difference
     unit = "" if metric.unit == "1" else f" {metric.unit}"
-    cells = [f"`{metric.name}`", f"`{row.policy}`"]
+    cells = [f"{_code(metric.name)}", f"{_code(row.policy)}"]
     for estimate in (own, common):
         value, low, high, count = estimate
         interval = interval_text(low, high, ".3g")
@@ -219,7 +222,7 @@ def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str |
 
 def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> list[str]:
     errors = f" ({row.errors} errors)" if row.errors else ""
-    cells = [f"`{row.policy}`" + ("\\*" if row.cheats else ""), f"{row.episodes:,}{errors}"]
+    cells = [f"{_code(row.policy)}" + ("\\*" if row.cheats else ""), f"{row.episodes:,}{errors}"]
     for name in _RATES:
         cells.append(_rate(row, name))
     cells.append(_NOTHING if row.time_s is None else f"{row.time_s:.1f} s")
@@ -255,6 +258,11 @@ def _published(row: ComparisonRow) -> str:
     ]
     time = row.published.get("time")
     return " / ".join([*cells, _NOTHING if time is None else f"{time:.1f} s"])
+
+
+def _code(name: str) -> str:
+    """Return a name as Markdown code that stays within its cell."""
+    return f"`{markdown_text(name, code=True)}`"
 
 
 def _plain(value: object) -> object:

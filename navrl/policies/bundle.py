@@ -15,23 +15,26 @@ the transforms, networks, lidars and robots that navrl exports.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from tensordict.nn import TensorDictModule
 
-from navrl.policies.nodes import BundleError, build_node, check_nodes
+from navrl.files import replacing, write_json, write_text
+from navrl.policies.limits import check_limits, check_weights, put_weights
+from navrl.policies.nodes import BundleError, build_node, check_nodes, reason
+from navrl.untrusted import DamagedFileError, read_json, read_yaml
 
 FORMAT = "navrl-policy-1"
 _PARTS = ("transforms", "actor", "lidar", "robot")
+_REMEDY = "get the bundle again, or save it again"
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ def save_bundle(
         card: Markdown.
 
     Raises:
+        OSError: If a file cannot be written; the bundle that was there stays.
         ValueError: If a part is missing or holds what is not plain data.
     """
     missing = [part for part in _PARTS if part not in config]
@@ -94,19 +98,19 @@ def save_bundle(
     folder = Path(folder)
     fresh = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     shutil.rmtree(fresh, ignore_errors=True)
-    fresh.mkdir(parents=True)
-    (fresh / "config.yaml").write_text(text, encoding="utf-8")
-    state = actor.state_dict().items()
-    weights = {name: value.detach().clone().contiguous() for name, value in state}
-    save_file(weights, fresh / "weights.safetensors")
-    (fresh / "weights.safetensors").chmod(0o644)  # it comes readable by its owner alone
-    metrics_text = json.dumps(dict(metrics), indent=2) + "\n"
-    (fresh / "metrics.json").write_text(metrics_text, encoding="utf-8")
-    (fresh / "card.md").write_text(card, encoding="utf-8")
-    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
-    if folder.exists():
-        folder.rename(old)
-    fresh.rename(folder)
+    try:
+        write_text(fresh / "config.yaml", text)
+        state = actor.state_dict().items()
+        with replacing(fresh / "weights.safetensors") as stream:
+            stream.write(save({k: value.detach().clone().contiguous() for k, value in state}))
+        write_json(fresh / "metrics.json", dict(metrics), indent=2)
+        write_text(fresh / "card.md", card)
+        old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+        if folder.exists():
+            folder.rename(old)
+        fresh.rename(folder)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
     shutil.rmtree(old, ignore_errors=True)
 
 
@@ -120,7 +124,8 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
 
     Raises:
         BundleError: If a file is missing, damaged or of another format, if the weights do not fit
-            the network, or if the config names a target that is not allowed.
+            the network, if the config names a target that is not allowed, or if a number in it is
+            beyond :mod:`navrl.policies.limits`.
         ValueError: If ``allow`` is a single name.
     """
     if isinstance(allow, str):
@@ -129,7 +134,9 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     config = _read_config(folder / "config.yaml")
     for part in _PARTS:
         check_nodes(config[part], allow, part)
-    metrics = _read_metrics(folder / "metrics.json")
+        check_limits(config[part], part)
+    metrics = _read(read_json, folder / "metrics.json")
+    check_weights(config["actor"], folder / "weights.safetensors", allow)
     actor = build_node(config["actor"], allow, "actor")
     if not isinstance(actor, TensorDictModule):
         raise BundleError(f"actor: need a TensorDictModule, got {type(actor).__name__}")
@@ -137,56 +144,31 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     return PolicyBundle(folder, config, actor.eval(), metrics, allow)
 
 
-def _read_config(file: Path) -> dict[str, Any]:
+def _read(reader: Callable[[Path, str], dict[str, Any]], file: Path) -> dict[str, Any]:
     try:
-        config = yaml.load(file.read_text(encoding="utf-8"), Loader=_PlainLoader)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise BundleError(f"{file}: {_reason(error)}") from error
-    if not isinstance(config, dict) or config.get("format") != FORMAT:
-        found = config.get("format") if isinstance(config, dict) else type(config).__name__
-        raise BundleError(f"{file}: format {found!r}, need {FORMAT!r}")
+        return reader(file, _REMEDY)
+    except DamagedFileError as error:
+        raise BundleError(str(error)) from error
+    except OSError as error:
+        raise BundleError(f"{file}: {reason(error)}") from error
+
+
+def _read_config(file: Path) -> dict[str, Any]:
+    config = _read(read_yaml, file)
+    if config.get("format") != FORMAT:
+        raise BundleError(f"{file}: format {config.get('format')!r}, need {FORMAT!r}")
     missing = [part for part in _PARTS if not isinstance(config.get(part), dict)]
     if missing:
         raise BundleError(f"{file}: missing {missing}")
     return config
 
 
-def _read_metrics(file: Path) -> dict[str, Any]:
-    try:
-        metrics = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise BundleError(f"{file}: {_reason(error)}") from error
-    if not isinstance(metrics, dict):
-        raise BundleError(f"{file}: need an object, got {type(metrics).__name__}")
-    return metrics
-
-
 def _load_weights(actor: TensorDictModule, file: Path) -> None:
     try:
         weights = load_file(file)
     except (OSError, SafetensorError) as error:
-        raise BundleError(f"{file}: {_reason(error)}") from error
-    try:
-        actor.load_state_dict(weights)
-    except RuntimeError as error:
-        first, *others = str(error).split("\n\t")[1:] or [str(error)]
-        more = f" (and {len(others)} more)" if others else ""
-        raise BundleError(f"{file}: does not fit the actor: {first.strip()}{more}") from error
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, FileNotFoundError):
-        return "no such file"
-    return getattr(error, "strerror", None) or str(error)
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """Safe YAML without aliases: a few lines of those expand to gigabytes, or to themselves."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.events.AliasEvent):
-            raise yaml.YAMLError("aliases (*name) are not allowed")
-        return super().compose_node(parent, index)
+        raise BundleError(f"{file}: {reason(error)}; {_REMEDY}") from error
+    put_weights(actor, weights, file)
 
 
 class _PlainDumper(yaml.SafeDumper):

@@ -10,9 +10,18 @@ from typing import Any
 PARTS_OF_A_POLICY = ("navrl.transforms", "navrl.networks", "navrl.sim")
 """What these packages export may always be built: it computes, it opens and runs nothing else."""
 
+_NO_PARTS = ("BatchedSimulator", "BulletSimulator", "Simulator")  # these start engines and windows
+
 
 class BundleError(ValueError):
     """A folder is no usable policy bundle; the message says why."""
+
+
+def reason(error: Exception) -> str:
+    """Return why a file of a bundle cannot be read, without its name."""
+    if isinstance(error, FileNotFoundError):
+        return "no such file"
+    return getattr(error, "strerror", None) or str(error)
 
 
 def check_nodes(value: Any, allow: Sequence[str], place: str) -> None:
@@ -27,7 +36,7 @@ def check_nodes(value: Any, allow: Sequence[str], place: str) -> None:
         BundleError: At the first target that is not allowed, and at an interpolation: omegaconf
             would resolve ``${oc.create:...}`` to a node that was never checked.
     """
-    for where, item in _walk(value, place):
+    for where, item in walk(value, place):
         if isinstance(item, str) and "${" in item:
             raise BundleError(f"{where}={item!r}: a bundle is resolved, it has no interpolations")
         if isinstance(item, dict) and "_target_" in item:
@@ -78,6 +87,8 @@ def resolve(target: Any, allow: Sequence[str], place: str) -> Any:
     if not isinstance(target, str) or _package(target, (*PARTS_OF_A_POLICY, *allow)) is None:
         raise BundleError(refused)
     module_name, _, name = target.rpartition(".")
+    if name in _NO_PARTS and _package(target, allow) is None:
+        raise BundleError(refused)
     try:
         found = getattr(importlib.import_module(module_name), name)
     except (ImportError, AttributeError, ValueError) as error:
@@ -100,11 +111,12 @@ def _is_exported_part(found: Any, home: str) -> bool:
     return getattr(found, "__name__", None) in importlib.import_module(package).__all__
 
 
-def _walk(value: Any, place: str) -> Iterator[tuple[str, Any]]:
+def walk(value: Any, place: str) -> Iterator[tuple[str, Any]]:
+    """Yield plain data and all that is in it, each with its dotted place."""
     yield place, value
     if isinstance(value, dict):
         for key, item in value.items():
-            yield from _walk(item, f"{place}.{key}")
+            yield from walk(item, f"{place}.{key}")
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            yield from _walk(item, f"{place}[{index}]")
+            yield from walk(item, f"{place}[{index}]")

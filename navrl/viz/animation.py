@@ -23,7 +23,7 @@ from navrl.viz.scene import (
     frame_scene,
     scene_limits,
 )
-from navrl.viz.style import BLUE, GREY, VERMILLION, save_figure, style
+from navrl.viz.style import BLUE, GREY, VERMILLION, plain_text, save_figure, style
 
 OUTCOME_WORDS = {
     "success": "goal reached",
@@ -112,7 +112,8 @@ def save_strip(
         add_legend(figure, recording, columns=6, attention=(), descriptors=False)
         ending = OUTCOME_WORDS.get(recording.outcome, recording.outcome)
         who = [policy] if policy else []
-        figure.suptitle("\n".join([*who, f"{episode_name(recording)}: {ending}"]), fontsize=10)
+        title = "\n".join([*who, f"{episode_name(recording)}: {ending}"])
+        figure.suptitle(plain_text(title), fontsize=10)
         return save_figure(figure, file)
 
 

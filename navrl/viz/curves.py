@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from navrl.viz.style import BLACK, GREY, line_look, save_figure, style
+from navrl.untrusted import DamagedFileError, read_table
+from navrl.viz.style import BLACK, GREY, line_look, plain_text, save_figure, style
 
+_REMEDY = "restore the log, or remove its damaged rows"
 Series = tuple[np.ndarray, np.ndarray]
 _LEVELS = ("train/max_dynamic", "evaluation/max_dynamic")  # the latter alone in a bundle's curve
 
@@ -39,8 +40,8 @@ class TrainingLog:
     """The columns of a ``metrics.csv`` or ``curve.csv``; a cell not logged is left out."""
 
     def __init__(self, file: Path) -> None:
-        with file.open(newline="") as stream:
-            self._rows = list(csv.DictReader(stream))
+        self._file = file
+        self._rows = read_table(file, _REMEDY, is_log=True)
         if not self._rows or "frames" not in self._rows[0]:
             raise ValueError(f"{file}: no log of a training, needs a column 'frames' and a row")
 
@@ -51,8 +52,11 @@ class TrainingLog:
     def sum_of(self, names: Sequence[str]) -> Series:
         """Return frames and the sum of columns, where all of them were logged."""
         logged = [row for row in self._rows if names and all(row.get(name) for name in names)]
-        frames = np.array([float(row["frames"]) for row in logged])
-        values = np.array([sum(float(row[name]) for name in names) for row in logged])
+        try:
+            frames = np.array([float(row["frames"]) for row in logged])
+            values = np.array([sum(float(row[name]) for name in names) for row in logged])
+        except ValueError as error:
+            raise DamagedFileError(self._file, f"must hold numbers ({error})", _REMEDY) from error
         return frames, values
 
     def levels(self) -> Series:
@@ -213,7 +217,7 @@ def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]], ncols: int) -
     handles = []
     for i, (label, logs) in enumerate(groups.items()):
         seeds = "" if len(logs) == 1 else f" (mean of {len(logs)} seeds)"
-        handles.append(Line2D([], [], label=label + seeds, **line_look(i)))
+        handles.append(Line2D([], [], label=plain_text(label) + seeds, **line_look(i)))
     marks = {"evaluation, no exploration": {"marker": "o", "markersize": 2.5}}
     if any(log.names("train/") for logs in groups.values() for log in logs):
         marks["training, with exploration"] = {"linewidth": 0.6, "alpha": 0.5}

@@ -13,7 +13,7 @@ from navrl.evaluation.recording import Recording
 from navrl.viz.animation import OUTCOME_WORDS, episode_name
 from navrl.viz.legend import add_legend
 from navrl.viz.scene import draw_scene
-from navrl.viz.style import save_figure, style
+from navrl.viz.style import plain_text, save_figure, style
 
 _TITLE_LETTERS = 46  # in a panel's width
 
@@ -78,4 +78,4 @@ def _title(recording: Recording, policy: str | None) -> str:
     ending = OUTCOME_WORDS.get(recording.outcome, recording.outcome)
     lines = [episode_name(recording), f"{ending}, {seconds:.1f} s"]
     lines = lines if policy is None else [policy, *lines]
-    return "\n".join(textwrap.fill(line, _TITLE_LETTERS) for line in lines)
+    return plain_text("\n".join(textwrap.fill(line, _TITLE_LETTERS) for line in lines))

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from navrl.files import replacing
+
 _COLORS, _EXACT = 128, 64
 
 
@@ -26,19 +28,20 @@ def write_gif(
         The file.
     """
     file = Path(file)
-    file.parent.mkdir(parents=True, exist_ok=True)
     palette = _shared_palette(frames)
     images = [_indexed(frame, palette) for frame in frames]
     duration = [round(1000 * frame_s)] * len(images)
     duration[-1] += round(1000 * hold_s)
-    images[0].save(
-        file,
-        save_all=True,
-        append_images=images[1:],
-        duration=duration,
-        loop=0,
-        optimize=True,  # what does not change is stored as transparent: less than half the size
-    )
+    with replacing(file) as stream:
+        images[0].save(
+            stream,
+            format="GIF",
+            save_all=True,
+            append_images=images[1:],
+            duration=duration,
+            loop=0,
+            optimize=True,  # what does not change is stored as transparent: less than half the size
+        )
     return file
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
-import yaml
-
 from navrl.evaluation.stored import Evaluation
+from navrl.untrusted import read_yaml
 
 
 def episode_folder(file: Path) -> Path:
@@ -44,13 +42,13 @@ def _evaluation_of(file: Path) -> Evaluation | None:
     summary = folder / "summary.json"
     if not summary.is_file() or not (folder / "episodes.csv").is_file():
         return None
-    return Evaluation(folder, json.loads(summary.read_text()))
+    return Evaluation.load(folder)
 
 
 def _player(hydra: Path) -> str | None:
     """Return the policy that a run was asked for."""
     file = hydra / "config.yaml"
-    asked = yaml.safe_load(file.read_text()) if file.is_file() else {}
+    asked = read_yaml(file, "delete it") if file.is_file() else {}
     if not asked.get("policy"):
         return None
     path = Path(str(asked["policy"]))

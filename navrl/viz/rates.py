@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,7 +15,8 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import Evaluation
-from navrl.viz.style import line_look, save_figure, style
+from navrl.untrusted import DamagedFileError, is_number, read_yaml
+from navrl.viz.style import line_look, plain_text, save_figure, style
 
 ALL_WORLDS = "all worlds"
 """Name of what is pooled over every kind of world."""
@@ -99,7 +99,7 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
         for axes_row, (label, lines) in zip(grid, rows.items(), strict=True):
             for axes, world in zip(axes_row, worlds, strict=True):
                 _draw(axes, lines, policies, world)
-                axes.set(title=world, xlabel=label)
+                axes.set(title=plain_text(world), xlabel=label)
             axes_row[0].set_ylabel("success rate")
         _add_key(figure, policies, rows, simulators[0])
         return save_figure(figure, file)
@@ -140,13 +140,11 @@ def _setting(evaluation: Evaluation) -> tuple[int, float] | None:
 
 
 def _played_setting(evaluation: Evaluation) -> tuple[int, float] | None:
-    rows = evaluation.episodes.values()
-    settings = {(row.get("num_dynamic"), row.get("pedestrian_speed_mps")) for row in rows}
-    counts = {count for count, _ in settings}
-    if len(counts) != 1 or not all(count and speed for count, speed in settings):
+    counts, speeds = (evaluation.finite(c) for c in ("num_dynamic", "pedestrian_speed_mps"))
+    if not len(counts) == len(speeds) == len(evaluation.episodes):
         return None
-    speeds = {round(float(speed), 2) for _, speed in settings}
-    return (int(counts.pop()), speeds.pop()) if len(speeds) == 1 else None
+    counts, speeds = set(counts.values()), {round(speed, 2) for speed in speeds.values()}
+    return (int(counts.pop()), speeds.pop()) if len(counts) == len(speeds) == 1 else None
 
 
 def _named_setting(name: str) -> tuple[int, float] | None:
@@ -160,12 +158,19 @@ def _named_setting(name: str) -> tuple[int, float] | None:
 def _configured_setting(file: Path) -> tuple[int, float] | None:
     if not file.is_file():
         return None
-    suite = yaml.safe_load(file.read_text()).get("suite") or {}
-    distribution = suite.get("distribution") or {}
+    remedy = "delete it; the suite's name is used instead"
+    distribution: object = read_yaml(file, remedy)
+    for name in ("suite", "distribution"):
+        distribution = distribution.get(name) or {}
+        if not isinstance(distribution, dict):
+            raise DamagedFileError(file, f"{name}: must hold keys", remedy)
     count, speed = distribution.get("num_dynamic"), distribution.get("speed")
     kept = distribution.get("keep_dynamic")  # of those placed, who are at least as many
     count = count if kept is None else [kept, kept]
-    if not count or not speed or count[0] != count[1] or speed[0] != speed[1]:
+    pairs = (count, speed)
+    if not all(isinstance(p, list) and len(p) == 2 and all(map(is_number, p)) for p in pairs):
+        return None
+    if count[0] != count[1] or speed[0] != speed[1]:
         return None
     return int(count[0]), float(speed[0])
 
@@ -274,7 +279,9 @@ def _look(i: int) -> dict:
 def _add_key(
     figure: Figure, policies: Sequence[str], rows: Mapping[str, Lines], simulator: str
 ) -> None:
-    handles = [Line2D([], [], label=policy, **_look(i)) for i, policy in enumerate(policies)]
+    handles = [
+        Line2D([], [], label=plain_text(policy), **_look(i)) for i, policy in enumerate(policies)
+    ]
     counts = [p.episodes for p in _each(rows) if p.world != ALL_WORLDS]
     shown = " to ".join(f"{n:,}" for n in dict.fromkeys((min(counts), max(counts))))
     inches = 0.55 + 0.058 * max(map(len, policies))  # of an entry, in 7 points
@@ -282,6 +289,6 @@ def _add_key(
         handles=handles,
         loc="outside lower center",
         ncols=max(1, min(len(handles), 6, int(figure.get_figwidth() / inches))),
-        title=f"{simulator}; {shown} episodes a point and world; bands: 95 % intervals",
+        title=f"{plain_text(simulator)}; {shown} episodes a point and world; bands: 95 % intervals",
         title_fontsize=7,
     )

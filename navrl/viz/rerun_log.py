@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.colors import to_rgba_array
 
 from navrl.evaluation.recording import Recording
+from navrl.files import replacing_path
 from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
@@ -53,9 +54,12 @@ def save_rrd(recording: Recording, file: str | Path, name: str | None = None) ->
     if file.suffix != ".rrd":
         raise ValueError(f"file={file}: must end in .rrd")
     rr = _rerun()
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with _strict(rr), rr.RecordingStream("navrl", recording_id=uuid.uuid4()) as stream:
-        stream.save(file, default_blueprint=_blueprint())
+    with (
+        replacing_path(file) as fresh,
+        _strict(rr),
+        rr.RecordingStream("navrl", recording_id=uuid.uuid4()) as stream,
+    ):
+        stream.save(fresh, default_blueprint=_blueprint())
         stream.send_recording_name(file.stem if name is None else name)
         stream.send_property("episode", rr.AnyValues(outcome=recording.outcome))
         _Log(rr, stream, recording).write()

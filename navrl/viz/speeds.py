@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -12,8 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
+from navrl.untrusted import DamagedFileError, read_json
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, VERMILLION, save_figure, style
 
+_REMEDY = "run navrl-benchmark again"
 _COLUMNS = 3  # of small panels, right of the bars
 _GROWTH, _TRAINING = "growth.", "training."
 _NOT_PHASES = ("training.frames", "training.updates")
@@ -36,11 +37,15 @@ def plot_benchmark(json_file: str | Path, out: str | Path) -> list[Path]:
         FileNotFoundError: If there is no such report.
         ValueError: If it holds no rows.
     """
-    report = json.loads(Path(json_file).read_text())
+    report = read_json(json_file, _REMEDY)
     if not report.get("rows"):
         raise ValueError(f"{json_file}: no report of a benchmark, needs rows")
     with style():
-        figure = _draw(report)
+        try:
+            figure = _draw(report)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            reason = f"no report of a benchmark ({type(error).__name__}: {error})"
+            raise DamagedFileError(json_file, reason, _REMEDY) from error
         out = Path(out)
         return [save_figure(figure, out.with_suffix(suffix)) for suffix in (".png", ".svg")]
 

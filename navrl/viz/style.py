@@ -14,6 +14,8 @@ import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from navrl.files import replacing
+
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#7F7F7F"
@@ -64,6 +66,11 @@ def line_look(i: int) -> dict[str, str]:
     }
 
 
+def plain_text(text: str) -> str:
+    """Return a text from a file as matplotlib draws it literally: dollars begin no formula."""
+    return text.replace("$", r"\$")
+
+
 def save_figure(figure: Figure, file: str | Path) -> Path:
     """Write a figure so that equal pictures give equal files.
 
@@ -78,6 +85,6 @@ def save_figure(figure: Figure, file: str | Path) -> Path:
     undated = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     if file.suffix not in undated:
         raise ValueError(f"file={file}: must end in one of {', '.join(undated)}")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, metadata=undated[file.suffix])
+    with replacing(file) as stream:
+        figure.savefig(stream, format=file.suffix[1:], metadata=undated[file.suffix])
     return file

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from navrl.evaluation.recording import Recording
+from navrl.files import replacing_path
 from navrl.viz.animation import render_frames
 
 _HOLD_S = 1.5  # s for which the last frame stays longer
@@ -27,6 +30,7 @@ def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -
 
     Raises:
         FileNotFoundError: If the program ffmpeg is not on the path.
+        OSError: If the disk is full.
         RuntimeError: If ffmpeg fails, with its words.
         ValueError: If ``fps`` is not within 0 to 50, or the suffix is not ``.mp4``.
     """
@@ -40,8 +44,8 @@ def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -
         raise FileNotFoundError("MP4 needs the program ffmpeg: install it, e.g. apt install ffmpeg")
     frames = [_even(frame) for frame in render_frames(recording)]
     frames += [frames[-1]] * round(_HOLD_S * fps)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    _encode(program, np.stack(frames), fps, file)
+    with replacing_path(file) as fresh:
+        _encode(program, np.stack(frames), fps, fresh)
     return file
 
 
@@ -52,8 +56,11 @@ def _encode(program: str, frames: np.ndarray, fps: float, file: Path) -> None:
     h264 = ["-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
     command = [program, "-y", "-loglevel", "error", *raw, "-i", "-", *h264, str(file)]
     done = subprocess.run(command, input=frames.tobytes(), capture_output=True, check=False)
+    words = done.stderr.decode(errors="replace").strip()
+    if os.strerror(errno.ENOSPC) in words:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
     if done.returncode != 0:
-        raise RuntimeError(f"ffmpeg could not write {file}: {done.stderr.decode().strip()}")
+        raise RuntimeError(f"ffmpeg could not write {file}: {words}")
 
 
 def _even(frame: np.ndarray) -> np.ndarray:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from navrl.files import write_json
+from navrl.untrusted import DamagedFileError, read_json
 from navrl.worlds.scenario import Scenario
 
 FROZEN = Path(__file__).parent / "frozen"
 """One JSON file a name, written by ``navrl-suites freeze``."""
 
+_REMEDY = "restore it: git checkout, or install navrl again"
 _DIGITS = 4  # hexadecimal, of each single episode's hash
 
 
@@ -82,7 +84,6 @@ class FrozenEpisodes:
 
     def save(self, folder: Path = FROZEN) -> Path:
         """Write ``<name>.json``."""
-        folder.mkdir(parents=True, exist_ok=True)
         file = folder / f"{self.name}.json"
         plain = {
             "name": self.name,
@@ -90,17 +91,26 @@ class FrozenEpisodes:
             "sha256": {str(length): value for length, value in self.sha256.items()},
             "digests": "".join(self.digests),
         }
-        file.write_text(json.dumps(plain, indent=1) + "\n")
-        return file
+        return write_json(file, plain, indent=1)
 
     @classmethod
     def load(cls, file: Path) -> FrozenEpisodes:
-        """Read what :meth:`save` wrote."""
-        plain = json.loads(file.read_text())
-        text = plain["digests"]
-        digests = tuple(text[k : k + _DIGITS] for k in range(0, len(text), _DIGITS))
-        hashes = {int(length): value for length, value in plain["sha256"].items()}
-        return cls(plain["name"], plain["version"], hashes, digests)
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            DamagedFileError: If the file is damaged or holds something else.
+        """
+        plain = read_json(file, _REMEDY)
+        try:
+            text = plain["digests"]
+            digests = tuple(text[k : k + _DIGITS] for k in range(0, len(text), _DIGITS))
+            hashes = {int(length): value for length, value in plain["sha256"].items()}
+            if max(hashes) != len(digests):
+                raise ValueError(f"{len(digests)} digests of {max(hashes)} episodes")
+            return cls(plain["name"], plain["version"], hashes, digests)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            reason = f"no frozen episodes ({type(error).__name__}: {error})"
+            raise DamagedFileError(file, reason, _REMEDY) from error
 
 
 @functools.cache

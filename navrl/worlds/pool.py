@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import os
+import logging
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from navrl.files import explain_os_error, replacing
+from navrl.untrusted import DamagedFileError, read_arrays
 from navrl.worlds.batch import ScenarioBatch
 from navrl.worlds.suite import Suite
+
+LOG = logging.getLogger(__name__)
+_MAX_CACHE_BYTES = 8 * 2**30  # 100,000 scenarios have about 2 GB
 
 
 class ScenarioPool:
@@ -26,7 +31,8 @@ class ScenarioPool:
             pedestrians as the highest level of the curriculum; a draw keeps some of them.
         num_workers: Processes that generate.
         cache: File that the packed scenarios are kept in; ``None`` keeps them in memory only. A
-            file made for another suite is not used but replaced.
+            file made for another suite, or a damaged one, is not used but replaced, and one that
+            cannot be written is left out with a warning.
         empty_share: Share of draws without any pedestrian. Not in the paper: a robot that always
             meets somebody half-way never sees its goal, and cannot learn what to do there.
 
@@ -108,19 +114,27 @@ def _fingerprint(suite: Suite) -> str:
 
 
 def _load(cache: Path, suite: Suite) -> ScenarioBatch | None:
-    if not cache.is_file():
-        return None
-    with np.load(cache) as arrays:
-        if str(arrays["fingerprint"]) != _fingerprint(suite):
+    """Return the scenarios in a cache file; ``None`` if they are to be generated again."""
+    try:
+        arrays = read_arrays(cache, "the scenarios are generated again", _MAX_CACHE_BYTES)
+        if str(arrays.pop("fingerprint", "")) != _fingerprint(suite):
             return None
-        names = [name for name in arrays.files if name != "fingerprint"]
-        return ScenarioBatch.from_tensors({k: torch.from_numpy(arrays[k]) for k in names})
+        return ScenarioBatch.from_tensors({k: torch.from_numpy(v) for k, v in arrays.items()})
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        LOG.warning("%s; the scenarios are generated again", explain_os_error(error))
+    except DamagedFileError as error:
+        LOG.warning("%s", error)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:  # other arrays than a batch's
+        LOG.warning("%s: %s; the scenarios are generated again", cache, error)
+    return None
 
 
 def _save(cache: Path, suite: Suite, batch: ScenarioBatch) -> None:
-    cache.parent.mkdir(parents=True, exist_ok=True)
-    fresh = cache.with_name(f"{cache.name}.{os.getpid()}.tmp")
     arrays = {name: value.numpy() for name, value in batch.tensors().items()}
-    with fresh.open("wb") as file:
-        np.savez(file, fingerprint=_fingerprint(suite), **arrays)
-    fresh.replace(cache)
+    try:
+        with replacing(cache) as file:
+            np.savez(file, fingerprint=_fingerprint(suite), **arrays)
+    except OSError as error:
+        LOG.warning("scenarios are not cached: %s", explain_os_error(error))

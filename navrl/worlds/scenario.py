@@ -9,11 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from navrl.files import write_text
+from navrl.untrusted import DamagedFileError, read_text
+
 MAX_ROUTE_POINTS = 32
 """Most points that a pedestrian's route may have."""
 MAX_PATH_POINTS = 200
 """Most points that a global path may have."""
 _FORMAT = "navrl-scenario-1"
+_MAX_NAME = 200  # characters of a suite or a kind of world
+_KINDS = {"suite": str, "kind": str} | dict.fromkeys(
+    ("seed", "index", "noise_seed", "num_furniture"), int
+)
 _DECIMALS = 6  # of metres and radians in a fingerprint
 
 
@@ -135,8 +142,17 @@ class Scenario:
         """Rebuild from :meth:`to_dict`.
 
         Raises:
-            ValueError: If the format is unknown, a key is missing or one is not known.
+            ValueError: If the format is unknown, a key is missing, one is not known or has a value
+                of the wrong kind.
         """
+        try:
+            return cls._from_dict(plain)
+        except (AttributeError, KeyError, OverflowError, TypeError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise ValueError(f"scenario: a value is of the wrong kind ({reason})") from error
+
+    @classmethod
+    def _from_dict(cls, plain: Mapping) -> Scenario:
         plain = {"num_furniture": 0, **plain}
         if plain.pop("format", None) != _FORMAT:
             raise ValueError(f"scenario: need format {_FORMAT!r}")
@@ -144,6 +160,12 @@ class Scenario:
         unknown = sorted(plain.keys() - cls.__dataclass_fields__.keys())
         if missing or unknown:
             raise ValueError(f"scenario: missing {missing}, unknown {unknown}")
+        for name, kind in _KINDS.items():
+            if not isinstance(plain[name], kind) or isinstance(plain[name], bool):
+                raise ValueError(f"scenario: {name}={plain[name]!r}: must be of {kind.__name__}")
+        for name in ("suite", "kind"):
+            if len(plain[name]) > _MAX_NAME:
+                raise ValueError(f"scenario: {name}: must have at most {_MAX_NAME} characters")
         people = tuple(
             Pedestrian(
                 np.asarray(person["route"], dtype=np.float64).reshape(-1, 2),
@@ -173,17 +195,36 @@ class Scenario:
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:
-        """Rebuild from :meth:`to_json`."""
-        return cls.from_dict(json.loads(text))
+        """Rebuild from :meth:`to_json`.
+
+        Raises:
+            ValueError: If it is no JSON, or as :meth:`from_dict`.
+        """
+        try:
+            plain = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"scenario: no JSON ({error})") from error
+        return cls.from_dict(plain)
 
     def save(self, file: str | Path) -> None:
         """Write as JSON."""
-        Path(file).write_text(self.to_json() + "\n")
+        write_text(file, self.to_json() + "\n")
 
     @classmethod
     def load(cls, file: str | Path) -> Scenario:
-        """Read what :meth:`save` wrote."""
-        return cls.from_json(Path(file).read_text())
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            OSError: If there is no such file, or it may not be read.
+            DamagedFileError: If it is no scenario, naming the file.
+        """
+        remedy = "save the scenario again"
+        try:
+            return cls.from_json(read_text(file, remedy))
+        except DamagedFileError:
+            raise
+        except ValueError as error:
+            raise DamagedFileError(file, error, remedy) from error
 
 
 def _canonical(plain: dict) -> str:

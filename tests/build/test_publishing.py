@@ -97,6 +97,17 @@ def test_weights_in_half_the_space_are_rounded_once(run, tmp_path):
         (lambda run: shutil.rmtree(run / "policy"), "config.yaml: no such file"),
         (lambda run: (run / "metrics.csv").unlink(), "metrics.csv"),
         (lambda run: (run / "policy" / "metrics.json").write_text("{}"), "metrics.json"),
+        (
+            lambda run: (run / "policy" / "metrics.json").write_text('{"seconds": "long"}'),
+            "metrics.json",
+        ),
+        (
+            lambda run: (run / "metrics.csv").write_text(
+                "frames,evaluation/success_rate\n1,many\n"
+            ),
+            "metrics.csv",
+        ),
+        (lambda run: (run / ".hydra" / "overrides.yaml").write_text("- ["), "overrides.yaml"),
     ],
 )
 def test_what_is_missing_is_named(run, tmp_path, capsys, spoil, message):

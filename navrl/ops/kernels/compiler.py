@@ -1,21 +1,18 @@
 """How kernels are compiled, cached on disk and given their threads."""
 
 import functools
-import hashlib
 import importlib
 import logging
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numba
 from torch import Tensor
 
+from navrl.ops.kernels.cache import cache_directory, use_checked_files
 from navrl.ops.kernels.threads import run_rows
 
 LOG = logging.getLogger(__name__)
-_OPS = Path(__file__).parents[1]
 
 
 def scalar(function: Callable) -> Callable:
@@ -80,31 +77,7 @@ def cached(function: Callable, jit: Callable, form: str) -> Callable:
         dispatcher = jit(function)
     finally:
         numba.config.CACHE_DIR = configured
-    if not any(directory.rglob(f"*.{function.__name__}-*.nbi")):
+    use_checked_files(dispatcher)
+    if not any(directory.rglob(f"*.{function.__name__}-*.nbc")):
         LOG.warning("compiling %s once, some seconds; kept in %s", function.__name__, directory)
     return dispatcher
-
-
-@functools.cache
-def cache_directory() -> str:
-    """Return the folder of compiled kernels for exactly these sources, made if need be.
-
-    Numba notices a change of a kernel's own file, but not of a function that it calls from another
-    file; so the folder's name is a hash of all sources that kernels are made from.
-    """
-    digest = hashlib.sha256()
-    for path in sorted(_OPS.rglob("*.py")):
-        digest.update(path.read_bytes())
-    cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    parents = [cache_home / "navrl" / "kernels", Path(tempfile.gettempdir()) / "navrl-kernels"]
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        parents.insert(0, Path(os.environ["NUMBA_CACHE_DIR"]))
-    for parent in parents:
-        directory = parent / digest.hexdigest()[:16]
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=directory):
-                return str(directory)
-        except OSError:
-            continue
-    return tempfile.mkdtemp(prefix="navrl-kernels-")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from navrl.evaluation.comparison import ComparisonTable
+from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import Evaluation
 from navrl.viz.curves import TrainingLog
 from navrl.viz.rates import (
@@ -35,11 +37,11 @@ _PATTERNS = ("", "/", "x", ".")
 def success_chart(table: ComparisonTable) -> go.Figure:
     """Success with its 95 % interval, and the paper's own figure."""
     rows = list(reversed(table.rows))
-    names = [row.policy for row in rows]
+    names = [literal(row.policy) for row in rows]
     rates = np.array([row.rates["success"] for row in rows])
     low, high = np.array([row.intervals["success"] for row in rows]).T
     texts = [
-        f"{row.policy}: {row.rates['success']:.1%} of {row.episodes:,} [{a:.1%}, {b:.1%}]"
+        f"{literal(row.policy)}: {row.rates['success']:.1%} of {row.episodes:,} [{a:.1%}, {b:.1%}]"
         for row, a, b in zip(rows, low, high, strict=True)
     ]
     error = {"type": "data", "symmetric": False, "array": high - rates, "arrayminus": rates - low}
@@ -56,7 +58,7 @@ def success_chart(table: ComparisonTable) -> go.Figure:
             hoverinfo="text",
         )
     )
-    published = [(row.policy, row.published["success"]) for row in rows if row.published]
+    published = [(literal(row.policy), row.published["success"]) for row in rows if row.published]
     if published:
         figure.add_scatter(
             x=[rate for _, rate in published],
@@ -76,7 +78,7 @@ def outcome_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> 
     figure = go.Figure()
     played = [e.episodes.values() for e in members(table, evaluations)]
     counts = [Counter(map(ending_of_row, rows)) for rows in played]
-    names = [row.policy for row in table.rows]
+    names = [literal(row.policy) for row in table.rows]
     for ending, (label, color) in ENDINGS.items():
         values = [count[ending] for count in counts]
         if not any(values):
@@ -104,15 +106,18 @@ def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go
         if len(worlds) < 2:
             continue
         rates = np.array([part["success_rate"] for part in worlds.values()])
-        low, high = np.array([part["success_interval"] for part in worlds.values()]).T
+        counts = [part["episodes"] for part in worlds.values()]
+        won = (round(rate * n) for rate, n in zip(rates, counts, strict=True))
+        low, high = np.array(list(map(wilson_interval, won, counts))).T
+        name = literal(row.policy)
         figure.add_bar(
-            x=list(worlds),
+            x=list(map(literal, worlds)),
             y=rates,
-            name=row.policy,
+            name=name,
             marker=_bar_look(i),
             error_y=_error_bars(rates, low, high),
-            customdata=[part["episodes"] for part in worlds.values()],
-            hovertemplate=f"{row.policy}, %{{x}}: %{{y:.1%}} of %{{customdata}}<extra></extra>",
+            customdata=counts,
+            hovertemplate=f"{name}, %{{x}}: %{{y:.1%}} of %{{customdata}}<extra></extra>",
         )
     if not figure.data:
         return None
@@ -142,14 +147,14 @@ def episode_chart(
     colors = [ENDINGS[ending][1] for ending in shown]
     steps = np.repeat(np.linspace(0, 1, len(colors) + 1), 2)[1:-1]
     texts = [
-        [_cell_text(row.policy, i, rows.get(i)) for i in indices]
+        [_cell_text(literal(row.policy), i, rows.get(i)) for i in indices]
         for row, rows in zip(table.rows, played, strict=True)
     ]
     figure = go.Figure(
         go.Heatmap(
             z=[[codes.get(e.get(i)) for i in indices] for e in ended][::-1],
             x=indices,
-            y=[row.policy for row in table.rows][::-1],
+            y=[literal(row.policy) for row in table.rows][::-1],
             text=texts[::-1],
             customdata=[[players.get((r.folder, i)) for i in indices] for r in table.rows[::-1]],
             hoverinfo="text",
@@ -175,15 +180,16 @@ def curves_chart(logs: Sequence[Path]) -> go.Figure:
     for file in logs:
         name = file.resolve().parent.name
         label = re.sub(r"_seed_\d+", "", name)
+        shown = literal(name)
         look = looks.setdefault(label, _look(len(looks)))
         frames, rates = TrainingLog(file).column("evaluation/success_rate")
         figure.add_scatter(
             x=frames,
             y=rates,
             mode="lines+markers",
-            name=name,
+            name=shown,
             **look,
-            hovertemplate=f"{name}: %{{y:.1%}} after %{{x:,}} steps<extra></extra>",
+            hovertemplate=f"{shown}: %{{y:.1%}} after %{{x:,}} steps<extra></extra>",
         )
     figure.update_xaxes(title="environment steps", rangemode="tozero")
     figure.update_yaxes(title="success rate, validation", tickformat=".0%", range=[-0.02, 1.02])
@@ -199,7 +205,7 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
     figure = make_subplots(
         *(len(rows), len(worlds)),
         shared_yaxes=True,
-        subplot_titles=worlds * len(rows),
+        subplot_titles=list(map(literal, worlds)) * len(rows),
         horizontal_spacing=0.02,
         vertical_spacing=0.25,
     )
@@ -210,7 +216,9 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
             for k, policy in enumerate(policies):
                 if (policy, world) in lines:
                     trace = _rate_line(lines[policy, world], f"{policy}, {world}", _look(k))
-                    trace.update(name=policy, legendgroup=policy, showlegend=policy not in named)
+                    trace.update(
+                        name=literal(policy), legendgroup=policy, showlegend=policy not in named
+                    )
                     figure.add_trace(trace, **at)
                     named.add(policy)
             title = {"text": label, "font": {"size": 11}}
@@ -223,6 +231,11 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
 
 
 # --- parts ---------------------------------------------------------------------------------------
+
+
+def literal(text: str) -> str:
+    """Return a text from a file as plotly draws it literally: no tag, no %{variable}."""
+    return escape(text, quote=False).replace("%", "&#37;")
 
 
 def _look(i: int) -> dict:
@@ -254,7 +267,7 @@ def _rate_line(line: Sequence[tuple[float, RatePoint]], name: str, look: dict) -
         error_y=_error_bars(rates, low, high),
         mode="lines+markers",
         customdata=[point.episodes for _, point in line],
-        hovertemplate=f"{name}: %{{y:.1%}} of %{{customdata}} at %{{x}}<extra></extra>",
+        hovertemplate=f"{literal(name)}: %{{y:.1%}} of %{{customdata}} at %{{x}}<extra></extra>",
         **look,
     )
 
@@ -263,8 +276,8 @@ def _cell_text(policy: str, index: int, cell: dict[str, str] | None) -> str:
     if cell is None:
         return f"{policy}: episode {index} not played"
     ending = ending_of_row(cell)
-    label = ENDINGS.get(ending, (ending,))[0]
-    world, seconds = cell.get("scenario", ""), cell.get("time_s", "")
+    label = literal(ENDINGS.get(ending, (ending,))[0])
+    world, seconds = literal(cell.get("scenario", "")), cell.get("time_s", "")
     after = f" after {float(seconds):.1f} s" if seconds else ""
     return f"{policy}, episode {index} ({world}): {label}{after}"
 

@@ -7,6 +7,9 @@ const COLORS = {
 };
 const SPATIAL_SCALE = [[255, 255, 255], [86, 180, 233], [0, 114, 178]];
 const TEMPORAL_SCALE = [[255, 241, 232], [213, 94, 0], [160, 28, 0]];
+const ENTITIES = { "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;", "%": "&#37;" };
+/** Return text from a recording as HTML and plotly's templates show it: no tag, no variable. */
+const literal = (text) => String(text).replace(/[&<>"'%]/g, (sign) => ENTITIES[sign]);
 const element = (name) => document.getElementById(name);
 
 function shade(scale, share) {
@@ -49,7 +52,7 @@ const SWATCHES = {
 };
 
 const sample = ([shape, color, text]) =>
-  `<span class="key"><svg width="24" height="16" aria-hidden="true">${SWATCHES[shape](color)}</svg>${text}</span>`;
+  `<span class="key"><svg width="24" height="16" aria-hidden="true">${SWATCHES[shape](color)}</svg>${literal(text)}</span>`;
 
 function scaleSample(text, scale, full) {
   const stops = [0, 0.5, 1].map((share) => shade(scale, share)).join(",");

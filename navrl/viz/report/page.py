@@ -10,6 +10,7 @@ from pathlib import Path
 
 import navrl
 from navrl.evaluation.comparison import ComparisonTable, compare
+from navrl.files import write_text
 from navrl.viz.report.html_tables import (
     comparison_table,
     episodes_table,
@@ -55,9 +56,7 @@ def write_report(
     sources = find_sources(folders, num_episodes)
     if reference is not None and not sources.evaluations:
         raise ValueError(f"reference={reference}: no effect, there is no evaluation")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(_page(sources, reference), encoding="utf-8")
-    return file
+    return write_text(file, _page(sources, reference))
 
 
 def _need_plotly() -> None:
@@ -226,9 +225,11 @@ def _contents_list(sections: list[str]) -> str:
 
 
 def _embedded(value: object) -> str:
-    """Return JSON that cannot end the script element it stands in."""
+    """Return JSON that neither ends nor comments out the script element it stands in."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c")
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
 
 
 def _asset(name: str) -> str:

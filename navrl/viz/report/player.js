@@ -187,9 +187,9 @@ function drawRewards(episode) {
   element("rewards").hidden = !Object.keys(episode.rewards).length;
   const x = times(episode);
   const traces = Object.entries(episode.rewards).map(([name, values], i) => ({
-    x, y: held(values), name, mode: "lines",
+    x, y: held(values), name: literal(name), mode: "lines",
     line: { shape: "hv", color: REWARD_COLORS[i % REWARD_COLORS.length] },
-    hovertemplate: `${name} %{y:.3f} at %{x:.1f} s<extra></extra>`,
+    hovertemplate: `${literal(name)} %{y:.3f} at %{x:.1f} s<extra></extra>`,
   }));
   return overTime(episode, "rewards", traces, {
     yaxis: { title: { text: "reward" } }, showlegend: true,

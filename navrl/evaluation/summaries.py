@@ -1,0 +1,83 @@
+"""What ``summary.json`` of an evaluation may hold, for files that others wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from navrl.untrusted import is_number
+
+_MAX_NAME = 500  # characters; labels of swept policies have about 60
+_SHOWN = 60  # characters of a wrong value in a message
+
+_TEXTS = ("policy", "suite", "suite_hash", "simulator")
+_PART = {"episodes", "success_rate"}  # of each kind of world
+_NEEDED = (*_TEXTS, "episodes", "success_rate", "collision_rate", "timeout_rate")
+
+
+def check_summary(summary: Mapping[str, object]) -> str | None:
+    """Return what is wrong with a summary, ``None`` if nothing is.
+
+    Unknown keys are left alone: newer versions may add some.
+    """
+    missing = [name for name in _NEEDED if name not in summary]
+    if missing:
+        return f"keys {missing} are missing"
+    wrong = _first_wrong(summary)
+    if wrong is not None:
+        return wrong
+    kinds = summary.get("by_scenario") or {}
+    if not isinstance(kinds, Mapping):
+        return "by_scenario: must be an object"
+    for kind, part in kinds.items():
+        if not isinstance(part, Mapping) or not part.keys() >= _PART:
+            return f"by_scenario.{kind[:_SHOWN]}: must be an object with {sorted(_PART)}"
+        wrong = _first_wrong(part)
+        if wrong is not None:
+            return f"by_scenario.{kind[:_SHOWN]}.{wrong}"
+    return None
+
+
+def _first_wrong(part: Mapping[str, object]) -> str | None:
+    """Return the first value of a kind that its name rules out."""
+    for name, value in part.items():
+        is_right, allowed = _rule(name)
+        if not is_right(value):
+            return f"{name}={str(value)[:_SHOWN]!r}: must be {allowed}"
+    return None
+
+
+def _rule(name: str) -> tuple[Callable[[object], bool], str]:
+    """Return the test of a key's value and what is allowed, in words."""
+    if name in _TEXTS:
+        return _is_name, f"text of at most {_MAX_NAME} characters"
+    if name == "change":
+        return _is_change, "an object of plain values"
+    if name == "episodes":
+        return (
+            lambda value: isinstance(value, int) and is_number(value, 1),
+            "a number of at least 1",
+        )
+    if name in ("errors", "successes", "solved", "run_into"):
+        return (
+            lambda value: isinstance(value, int) and is_number(value, 0),
+            "a number of at least 0",
+        )
+    if name.endswith("_rate"):
+        return lambda value: is_number(value, 0, 1), "a number in [0, 1]"
+    if name.endswith("_interval"):
+        return _is_interval, "two numbers in [0, 1]"
+    if name == "navigation_time_s":
+        return lambda value: value is None or is_number(value, 0), "a number of at least 0, or null"
+    return lambda _: True, "anything"
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= _MAX_NAME
+
+
+def _is_change(value: object) -> bool:
+    return value is None or isinstance(value, Mapping)
+
+
+def _is_interval(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(is_number(v, 0, 1) for v in value)
