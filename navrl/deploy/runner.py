@@ -17,6 +17,7 @@ from torchrl.envs import ActionScaling, EnvBase, Transform, TransformedEnv
 from navrl import keys
 from navrl.policies import load_bundle
 from navrl.sim import DifferentialDrive, Lidar
+from navrl.transforms.min_pool import check_mount
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
 
@@ -29,7 +30,7 @@ class PolicyRunner:
     Args:
         transforms: From raw observations to network inputs, as in training.
         actor: Writes an action in [-1, 1].
-        lidar: What the policy was trained with: number of beams and largest range.
+        lidar: What the policy was trained with: number of beams, largest range and mount.
         robot: Limits of the command.
 
     Raises:
@@ -46,6 +47,7 @@ class PolicyRunner:
     def __init__(
         self, transforms: Transform, actor: TensorDictModule, lidar: Lidar, robot: DifferentialDrive
     ) -> None:
+        check_mount(transforms, lidar.mount)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         senses = TransformedEnv(_Senses(lidar, robot), transforms)
         senses.append_transform(ActionScaling())
@@ -79,7 +81,8 @@ class PolicyRunner:
 
         Args:
             ranges: ``[num_beams]`` m, beam j at bearing ``2 pi j / num_beams``, counted
-                counter-clockwise from straight ahead. A beam without return reads at least
+                counter-clockwise from the lidar's x axis: straight ahead unless the policy's
+                ``lidar.mount`` is turned. A beam without return reads at least
                 ``max_range``, or NaN, infinity or zero, as drivers have it.
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
             path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. It may change

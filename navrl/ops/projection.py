@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.pooling import bin_centres
+from navrl.ops.scan_layout import bin_centers
 
 
 def project_ranges(
@@ -36,7 +36,7 @@ def project_ranges(
             f"got {tuple(points.shape)} and {tuple(fill.shape)}"
         )
     num_bins = points.shape[-2]
-    first = bin_centres(num_bins * group_size, group_size, points.dtype, points.device)[0]
+    first = bin_centers(num_bins * group_size, group_size, points.dtype, points.device)[0]
     bearing = torch.atan2(points[..., 1], points[..., 0]) - first
     distance = torch.linalg.vector_norm(points, dim=-1)
     is_finite = distance.isfinite()

@@ -23,9 +23,9 @@ class ObservationMap(Transform):
     and, called with keywords, to bare tensors. Nothing is kept between calls.
 
     Args:
-        in_keys: One key for each of ``INPUTS``, in their order. A nested key is a tuple, or a list
-            as it comes from YAML.
-        out_keys: One key for each of ``OUTPUTS``.
+        in_keys: One key for each of ``INPUTS``, in their order, and then for any number of
+            ``OPTIONAL_INPUTS``. A nested key is a tuple, or a list as it comes from YAML.
+        out_keys: One key for each of ``OUTPUTS``, and then of ``OPTIONAL_OUTPUTS``.
 
     Raises:
         ValueError: If the number of keys is not right, or later if the environment lacks one.
@@ -33,12 +33,14 @@ class ObservationMap(Transform):
 
     INPUTS: tuple[str, ...]
     OUTPUTS: tuple[str, ...]
+    OPTIONAL_INPUTS: tuple[str, ...] = ()
+    OPTIONAL_OUTPUTS: tuple[str, ...] = ()
 
     def __init__(self, in_keys: Keys, out_keys: Keys) -> None:
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
         name = type(self).__name__
-        _check_count(name, "in_keys", self.in_keys, self.INPUTS)
-        _check_count(name, "out_keys", self.out_keys, self.OUTPUTS)
+        _check_count(name, "in_keys", self.in_keys, self.INPUTS, self.OPTIONAL_INPUTS)
+        _check_count(name, "out_keys", self.out_keys, self.OUTPUTS, self.OPTIONAL_OUTPUTS)
 
     @abstractmethod
     def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
@@ -142,10 +144,15 @@ def flag_spec(like: TensorSpec, *shape: int) -> Binary:
 
 
 def _check_count(
-    transform: str, argument: str, keys: Sequence[NestedKey], names: tuple[str, ...]
+    transform: str,
+    argument: str,
+    keys: Sequence[NestedKey],
+    names: tuple[str, ...],
+    optional: tuple[str, ...],
 ) -> None:
-    if len(keys) != len(names):
+    if not len(names) <= len(keys) <= len(names) + len(optional):
+        more = f", and optionally {', '.join(optional)}" if optional else ""
         raise ValueError(
-            f"{transform}: {argument} must be {len(names)} keys ({', '.join(names)}), got {keys}; "
-            f"a nested key is a list of its own"
+            f"{transform}: {argument} must be {len(names)} keys ({', '.join(names)}){more}, got "
+            f"{keys}; a nested key is a list of its own"
         )
