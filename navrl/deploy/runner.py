@@ -114,7 +114,9 @@ class PolicyRunner:
         return actor(now.copy())[keys.ACTION]
 
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
-        ranges, pose, path = (np.asarray(value, dtype=np.float32) for value in (ranges, pose, path))
+        ranges = np.asarray(ranges, dtype=np.float32)
+        # The transforms subtract pose and path in float64: float32 knows large maps to 0.5 m.
+        pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
         if ranges.shape != (self.num_beams,):
             raise ValueError(f"ranges: need shape [{self.num_beams}], got {list(ranges.shape)}")
         if pose.shape != (3,) or not np.isfinite(pose).all():
@@ -141,8 +143,8 @@ class _Senses(EnvBase):
         super().__init__(batch_size=[1])
         observation = {
             keys.RANGES: Bounded(0.0, lidar.max_range, shape=(1, lidar.num_beams)),
-            keys.POSE: Unbounded((1, 3)),
-            keys.PATH: Unbounded((1, MAX_PATH_POINTS, 2)),
+            keys.POSE: Unbounded((1, 3), dtype=torch.float64),
+            keys.PATH: Unbounded((1, MAX_PATH_POINTS, 2), dtype=torch.float64),
         }
         self.observation_spec = Composite(observation, shape=(1,))
         low = torch.tensor([[robot.min_speed, -robot.max_turn_rate]])

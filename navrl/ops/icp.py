@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops import se2
-from navrl.ops.backend import Backend, check_same_device, is_compiled
+from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
 from navrl.ops.lines import ScanLines, fit_lines
 from navrl.ops.returns import finite_returns
 from navrl.ops.rigid_fit import fit_rigid
@@ -135,6 +135,7 @@ def align(
         rotation search and the point-to-line stage are additions.
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
+    source_points, target_points = as_real(source_points), as_real(target_points)
     if is_compiled(backend, source_points, source_returns, target_points, target_returns):
         return _align_compiled(
             source_points, source_returns, target_points, target_returns, options

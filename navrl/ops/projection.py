@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from navrl.ops.backend import as_real
 from navrl.ops.scan_layout import bin_centers
 
 
@@ -35,6 +36,7 @@ def project_ranges(
             f"points must have shape [*B, N, 2] and fill [*B, N], "
             f"got {tuple(points.shape)} and {tuple(fill.shape)}"
         )
+    points, fill = as_real(points), as_real(fill)
     num_bins = points.shape[-2]
     first = bin_centers(num_bins * group_size, group_size, points.dtype, points.device)[0]
     bearing = torch.atan2(points[..., 1], points[..., 0]) - first

@@ -133,6 +133,16 @@ def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorS
     return specs[key]
 
 
+def world_values(*values: Tensor) -> tuple[Tensor, ...]:
+    """Return world coordinates in one precision: float64 if any has it, else float32.
+
+    Near (5e5, 5.6e6) m, as maps in UTM coordinates are, float32 knows half a meter; so they are
+    cast only once they have been subtracted from each other.
+    """
+    is_double = any(value.dtype == torch.float64 for value in values)
+    return tuple(value.double() if is_double else value.float() for value in values)
+
+
 def real_spec(like: TensorSpec, *shape: int) -> Unbounded:
     """Return a float32 spec on the device of ``like``."""
     return Unbounded(shape, dtype=torch.float32, device=like.device)

@@ -65,7 +65,7 @@ def test_a_mount_turned_by_whole_bins_gives_the_same_observations(transforms, ya
     plain, _ = make(transforms=transforms)
     turned, _ = make(f"[0.0, 0.0, {yaw}]", transforms)
     expected, got = drive(plain), drive(turned)
-    names = {*expected.keys()} - {"ranges", "next", "reward_terms", keys.ICP_INLIERS}
+    names = {*expected.keys()} - {"ranges", "next", "action", "reward_terms", keys.ICP_INLIERS}
     assert {keys.POINTS, keys.WAYPOINTS} <= names or transforms == "liang"
     for name in names:
         for ours, other in ((got, expected), (got["next"], expected["next"])):
@@ -151,7 +151,9 @@ def test_attention_is_drawn_on_its_sectors_of_the_robot_frame(recording):
     attended = dataclasses.replace(recording, spatial_attention=weights)
     axes = Figure().subplots()
     draw_scene(axes, attended, 1, ["spatial"])
-    (sectors,) = [c for c in axes.collections if type(c) is PolyCollection and c.get_array() is not None]
+    (sectors,) = [
+        c for c in axes.collections if type(c) is PolyCollection and c.get_array() is not None
+    ]
     x, y, yaw = recording.pose[1]
     rim = sectors.get_paths()[7].vertices[1:-1] - [x, y]
     bearing = np.mod(np.arctan2(rim[:, 1], rim[:, 0]) - yaw, 2 * np.pi)
@@ -160,7 +162,9 @@ def test_attention_is_drawn_on_its_sectors_of_the_robot_frame(recording):
 
 def test_a_pooling_for_another_mount_is_refused():
     env, cfg = make("[0.0, 0.0, 0.5]")
-    message = r"lidar.mount=\[0.0, 0.0, 0.5\]: must be the mount of MinPool, which is \[0.0, 0.0, 0.0\]"
+    message = (
+        r"lidar.mount=\[0.0, 0.0, 0.5\]: must be the mount of MinPool, which is \[0.0, 0.0, 0.0\]"
+    )
     with pytest.raises(ValueError, match=message):
         build.make_env(env.base_env, chain(min_pool=MinPool()))
     cfg = compose("evaluate", ["policy=paper", "+change.lidar.mount=[0.0, 0.0, 0.5]"])
