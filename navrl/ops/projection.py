@@ -12,7 +12,7 @@ from navrl.ops.scan_layout import bin_centers
 
 
 def project_ranges(
-    points: Tensor, fill: Tensor, group_size: int = 8, max_range: float = 3.5
+    points: Tensor, fill: Tensor, group_size: int | None = 8, max_range: float = 3.5
 ) -> Tensor:
     """Return the nearest point's range in each bin of bearings.
 
@@ -22,7 +22,7 @@ def project_ranges(
         fill: ``[*B, N]`` m, broadcast: the range of a bin that no point falls into. With the scan
             of now, what was not seen before has not moved.
         group_size: Beams in a bin, by which the N bins are those of
-            :func:`navrl.ops.pooling.min_pool`.
+            :func:`navrl.ops.pooling.min_pool`; None for bins of any number of beams.
         max_range: Largest range that is returned, m.
 
     Returns:
@@ -38,7 +38,10 @@ def project_ranges(
         )
     points, fill = as_real(points), as_real(fill)
     num_bins = points.shape[-2]
-    first = bin_centers(num_bins * group_size, group_size, points.dtype, points.device)[0]
+    if group_size is None:
+        first = math.pi / num_bins
+    else:
+        first = bin_centers(num_bins * group_size, group_size, points.dtype, points.device)[0]
     bearing = torch.atan2(points[..., 1], points[..., 0]) - first
     distance = torch.linalg.vector_norm(points, dim=-1)
     is_finite = distance.isfinite()

@@ -109,6 +109,31 @@ def map_reset_rows(
     return tensordict_reset
 
 
+def refuse_without_past(
+    transform: Transform, tensordict: TensorDictBase, keys: Sequence[NestedKey]
+) -> None:
+    """Refuse a stored transition whose root lacks what followed from the steps before it.
+
+    Without ``"next"`` the data is taken for first scans, which have no past.
+
+    Args:
+        transform: Which carries ``keys`` from step to step.
+        tensordict: The data.
+        keys: What is missing at the root of it.
+
+    Raises:
+        ValueError: If the data is of transitions, naming the keys.
+    """
+    if "next" in tensordict:
+        name = type(transform).__name__
+        raise ValueError(
+            f"{name} needs {list(keys)} at the root of stored transitions: the steps before them, "
+            f"from which they follow, are not there. Let {name} and the steps before it run in the "
+            "environment and store their outputs; those that read one time only (ICPAlign, TAGD, "
+            "Normalize) can run in the replay buffer"
+        )
+
+
 def nested_keys(keys: Keys) -> list[NestedKey]:
     """Return keys as TorchRL wants them: YAML's lists for nested keys become tuples."""
     keys = [keys] if isinstance(keys, str) else keys

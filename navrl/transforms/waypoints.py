@@ -19,6 +19,7 @@ from navrl.transforms.observation_map import (
     read,
     read_spec,
     real_spec,
+    refuse_without_past,
     world_values,
 )
 
@@ -93,11 +94,18 @@ class Waypoints(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Map data outside an environment; a stored progress is kept, not searched again."""
+        """Map data outside an environment; a stored progress is kept, not searched again.
+
+        Without one, data without ``"next"`` is taken for starts of episodes.
+
+        Raises:
+            ValueError: If the root of a transition lacks its progress.
+        """
         progress_key = self.out_keys[1]
         if progress_key in tensordict.keys(True, True):
             self._write_points(tensordict, tensordict.get(progress_key))
         else:
+            refuse_without_past(self, tensordict, [progress_key])
             self._call(tensordict)
         if "next" in tensordict:
             following = tensordict["next"]
