@@ -123,8 +123,7 @@ def align(
         options: How to align.
         backend: See :mod:`navrl.ops.backend`. The kernel computes in float64 and is the faster the
             nearer its target is to an ordered scan of as many points as the source.
-        seen: ``[*B, N]`` bool, bearings that the scanner covers, the same in both scans; only the
-            rotation search reads it. None for a full circle.
+        seen: ``[*B, N]`` bool, bearings covered, for the rotation search; None for a full circle.
 
     Returns:
         The alignment; ``se2.transform_points(result.transform, source_points)`` is the source scan
@@ -139,31 +138,25 @@ def align(
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
     if seen is not None and (seen.shape != source_returns.shape or seen.dtype != torch.bool):
-        raise ValueError(
-            f"seen must be bool of shape {tuple(source_returns.shape)}, got {seen.dtype} of shape "
-            f"{tuple(seen.shape)}"
-        )
+        raise ValueError(f"seen must be bool of shape {tuple(source_returns.shape)}, got {seen!r}")
     source_points, target_points = as_real(source_points), as_real(target_points)
-    if is_compiled(backend, source_points, source_returns, target_points, target_returns):
-        scans = (source_points, source_returns, target_points, target_returns)
+    scans = (source_points, source_returns, target_points, target_returns)
+    if is_compiled(backend, *scans):
         return _align_compiled(scans, seen, options)
     source_returns = finite_returns(source_points, source_returns)
     target_returns = finite_returns(target_points, target_returns)
-    batch, num_source = source_points.shape[:-2], source_points.shape[-2]
+    *batch, num_source, _ = source_points.shape
+    num_target = target_points.shape[-2]
     scans = (
         torch.where(source_returns.unsqueeze(-1), source_points, 0.0).reshape(-1, num_source, 2),
         source_returns.reshape(-1, num_source),
-        torch.where(target_returns.unsqueeze(-1), target_points, 0.0).reshape(
-            -1, *target_points.shape[-2:]
-        ),
-        target_returns.reshape(-1, target_returns.shape[-1]),
+        torch.where(target_returns.unsqueeze(-1), target_points, 0.0).reshape(-1, num_target, 2),
+        target_returns.reshape(-1, num_target),
     )
-    if seen is not None:
-        scans = (*scans, seen.reshape(-1, num_source))
-    size = max(1, PAIRS_PER_BLOCK // (num_source * target_points.shape[-2]))
-    blocks = [
-        _align(options, *block) for block in zip(*(scan.split(size) for scan in scans), strict=True)
-    ]
+    scans += () if seen is None else (seen.reshape(-1, num_source),)
+    size = max(1, PAIRS_PER_BLOCK // (num_source * num_target))
+    split = zip(*(scan.split(size) for scan in scans), strict=True)
+    blocks = [_align(options, *block) for block in split]
     parts = (torch.cat(part) for part in zip(*blocks, strict=True))
     return Alignment(*(part.reshape((*batch, *part.shape[1:])) for part in parts))
 
