@@ -138,7 +138,8 @@ def align(
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
     if seen is not None and (seen.shape != source_returns.shape or seen.dtype != torch.bool):
-        raise ValueError(f"seen must be bool of shape {tuple(source_returns.shape)}, got {seen!r}")
+        shapes = f"{tuple(source_returns.shape)}, got {seen.dtype} of shape {tuple(seen.shape)}"
+        raise ValueError(f"seen must be bool of shape {shapes}")
     source_points, target_points = as_real(source_points), as_real(target_points)
     scans = (source_points, source_returns, target_points, target_returns)
     if is_compiled(backend, *scans):
