@@ -6,14 +6,15 @@ keys its user likes; these are the defaults.
 """
 
 # --- raw outputs of the environment --------------------------------------------------------------
-RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams from straight ahead; maximum = no return
+RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams in the lidar's frame; maximum = no return
 POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
 PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
 
 # --- what the transforms make of them ------------------------------------------------------------
-RANGES_POOLED = "ranges_pooled"  # [*B, N] m
+RANGES_POOLED = "ranges_pooled"  # [*B, N] m, from the robot's center, bin 0 straight ahead
 POINTS = "points"  # [*B, N, 2] m, scan t, robot frame at t
 RETURNS = "returns"  # [*B, N] bool, the point is a real return
+SEEN = "seen"  # [*B, N] bool, the lidar covers the bin; only for lidars of less than a circle
 PREVIOUS_POINTS = "points_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
 PREVIOUS_RETURNS = "returns_previous"  # [*B, N] bool
 ALIGNED_POINTS = "points_aligned"  # [*B, N, 2] m, scan t-1, robot frame at t

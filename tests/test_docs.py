@@ -66,8 +66,9 @@ def test_the_reference_has_an_entry_for_each_public_name(site, package):
 
 def test_the_reference_shows_signatures_shapes_and_units(site):
     transforms = words(site / "api" / "transforms" / "index.html")
-    assert 'MinPool( group_size: int = 8, max_range: float = 3.5, bearing: Bearing = "bin"' in (
-        transforms
+    assert (
+        'MinPool( group_size: int | None = 8, max_range: float = 3.5, bearing: Bearing = "bin"'
+        in transforms
     )
     assert "Pooled ranges [*B, N] m, points [*B, N, 2] m in the robot frame" in transforms
     assert "m along the path from the robot's projection" in words(

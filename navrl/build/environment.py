@@ -18,6 +18,7 @@ from navrl.config import compose, instantiate
 from navrl.envs import NavigationEnv
 from navrl.envs.gymnasium import GymnasiumNavigation
 from navrl.ops.backend import find_device
+from navrl.transforms.min_pool import check_mount
 from navrl.worlds import ScenarioPool, Suite
 
 
@@ -126,7 +127,12 @@ def _cache_folder() -> Path:
 
 
 def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
-    """Append the perception transforms, then normalise actions to [-1, 1]."""
+    """Append the perception transforms, then normalise actions to [-1, 1].
+
+    Raises:
+        ValueError: If the transforms assume another mount of the lidar.
+    """
+    check_mount(transforms, env.simulator.lidar.mount)
     transformed = TransformedEnv(env, transforms)
     transformed.append_transform(ActionScaling())
     for part in (env, transformed):

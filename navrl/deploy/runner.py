@@ -17,6 +17,7 @@ from torchrl.envs import ActionScaling, EnvBase, Transform, TransformedEnv
 from navrl import keys
 from navrl.policies import load_bundle
 from navrl.sim import DifferentialDrive, Lidar
+from navrl.transforms.min_pool import check_mount
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
 
@@ -29,7 +30,7 @@ class PolicyRunner:
     Args:
         transforms: From raw observations to network inputs, as in training.
         actor: Writes an action in [-1, 1].
-        lidar: What the policy was trained with: number of beams and largest range.
+        lidar: What the policy was trained with: number of beams, largest range and mount.
         robot: Limits of the command.
 
     Raises:
@@ -46,6 +47,7 @@ class PolicyRunner:
     def __init__(
         self, transforms: Transform, actor: TensorDictModule, lidar: Lidar, robot: DifferentialDrive
     ) -> None:
+        check_mount(transforms, lidar.mount)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         senses = TransformedEnv(_Senses(lidar, robot), transforms)
         senses.append_transform(ActionScaling())
@@ -79,7 +81,8 @@ class PolicyRunner:
 
         Args:
             ranges: ``[num_beams]`` m, beam j at bearing ``2 pi j / num_beams``, counted
-                counter-clockwise from straight ahead. A beam without return reads at least
+                counter-clockwise from the lidar's x axis: straight ahead unless the policy's
+                ``lidar.mount`` is turned. A beam without return reads at least
                 ``max_range``, or NaN, infinity or zero, as drivers have it.
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
             path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. It may change
@@ -111,7 +114,9 @@ class PolicyRunner:
         return actor(now.copy())[keys.ACTION]
 
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
-        ranges, pose, path = (np.asarray(value, dtype=np.float32) for value in (ranges, pose, path))
+        ranges = np.asarray(ranges, dtype=np.float32)
+        # The transforms subtract pose and path in float64: float32 knows large maps to 0.5 m.
+        pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
         if ranges.shape != (self.num_beams,):
             raise ValueError(f"ranges: need shape [{self.num_beams}], got {list(ranges.shape)}")
         if pose.shape != (3,) or not np.isfinite(pose).all():
@@ -138,8 +143,8 @@ class _Senses(EnvBase):
         super().__init__(batch_size=[1])
         observation = {
             keys.RANGES: Bounded(0.0, lidar.max_range, shape=(1, lidar.num_beams)),
-            keys.POSE: Unbounded((1, 3)),
-            keys.PATH: Unbounded((1, MAX_PATH_POINTS, 2)),
+            keys.POSE: Unbounded((1, 3), dtype=torch.float64),
+            keys.PATH: Unbounded((1, MAX_PATH_POINTS, 2), dtype=torch.float64),
         }
         self.observation_spec = Composite(observation, shape=(1,))
         low = torch.tensor([[robot.min_speed, -robot.max_turn_rate]])

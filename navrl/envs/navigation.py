@@ -33,7 +33,7 @@ class NavigationEnv(EnvBase):
     ========  ==================  ======================================================
     key       shape               meaning
     ========  ==================  ======================================================
-    ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams from straight ahead
+    ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams in the lidar's frame
     pose      ``[N, 3]``          (x, y, yaw), world frame
     path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
     outcome   ``[N, 1]``          :class:`Outcome` of the last step
@@ -233,7 +233,7 @@ class NavigationEnv(EnvBase):
             path_length=self._path_length,
             progress_before=before,
             progress=self._progress,
-            nearest=ranges.amin(dim=-1),
+            nearest=self.simulator.lidar.nearest(ranges),
             collided=state.contact != Contact.NONE,
             reached=outcome == Outcome.SUCCESS,
             robot_radius=self.simulator.robot.radius,

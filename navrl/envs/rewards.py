@@ -20,7 +20,7 @@ class Transition:
         path_length: ``[N]`` m.
         progress_before: ``[N]`` m, arc length of the robot's projection on the path at s_t.
         progress: ``[N]`` m, the same at s_{t+1}.
-        nearest: ``[N]`` m, noise-free nearest return from the lidar's centre at s_{t+1}.
+        nearest: ``[N]`` m, from the robot's center to the nearest return, noise-free, at s_{t+1}.
         collided: ``[N]`` bool.
         reached: ``[N]`` bool, the goal was reached.
         robot_radius: m.
@@ -91,7 +91,8 @@ class Proximity:
     Args:
         weight: per m.
         distance: m, d_prox.
-        measured_from: ``"lidar"`` (its centre) or ``"hull"`` (the robot's radius taken off).
+        measured_from: ``"lidar"`` (the robot's center, above which the paper's lidar is) or
+            ``"hull"`` (the robot's radius taken off).
 
     Reference:
         Paper Sec. IV-D, r_prox with alpha_3 = 3 and d_prox = 0.5 m. "Between robot and obstacle"

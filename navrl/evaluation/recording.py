@@ -61,7 +61,7 @@ class Recording:
         goal: ``[2]`` m, world.
         pose: ``[T + 1, 3]`` (x, y, yaw), world.
         pedestrian_boxes: ``[T + 1, K, 5]`` m and rad, world; NaN where nobody is.
-        ranges: ``[T + 1, beams]`` m, the noisy scan.
+        ranges: ``[T + 1, beams]`` m, the noisy scan, beam 0 along the lidar's x axis.
         points: ``[T + 1, N, 2]`` m, the pooled scan, robot frame.
         points_aligned: ``[T + 1, N, 2]`` m, the scan before, robot frame now.
         tagd: ``[T + 1, N_c, 4]`` m, (c_{t-1}, c_t), robot frame.
@@ -71,6 +71,8 @@ class Recording:
         spatial_attention: ``[T, N_b]``, sums to 1.
         temporal_attention: ``[T, N_c]``, sums to 1.
         reward_terms: ``[T]`` weighted contribution of each term, by name.
+        lidar_mount: ``[3]`` (x, y, yaw) of the lidar in the robot frame, m and rad; ``None``, in
+            files from before it was stored, for the robot's center.
         contact: Code of :class:`navrl.sim.Contact` at the end: who moved into whom; ``None`` in
             files from before it was kept.
 
@@ -100,10 +102,11 @@ class Recording:
     spatial_attention: np.ndarray | None = None
     temporal_attention: np.ndarray | None = None
     contact: int | None = None
+    lidar_mount: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         steps = self.num_steps
-        expected = {"walls": (None, 5), "path": (None, 2), "goal": (2,)}
+        expected = {"walls": (None, 5), "path": (None, 2), "goal": (2,), "lidar_mount": (3,)}
         expected |= {name: (steps + 1, *shape) for name, shape in OBSERVED.items()}
         expected |= {name: (steps, *shape) for name, shape in DECIDED.items()}
         arrays = {name: getattr(self, name) for name in expected}
@@ -132,6 +135,7 @@ class Recording:
             robot_radius=float(env.simulator.robot.radius),
             goal_radius=float(env.goal_radius),
             max_range=float(env.simulator.lidar.max_range),
+            lidar_mount=np.array(env.simulator.lidar.mount),
             walls=np.array(scenario.boxes),
             path=np.array(scenario.path),
             goal=np.array(scenario.goal),
@@ -142,6 +146,30 @@ class Recording:
     def num_steps(self) -> int:
         """T."""
         return len(self.action)
+
+    def beam_ends(self) -> np.ndarray:
+        """Return where each beam of the raw scans ends, ``[T + 1, beams, 2]`` m, robot frame."""
+        x, y, yaw = (0.0, 0.0, 0.0) if self.lidar_mount is None else self.lidar_mount
+        angle = yaw + 2.0 * np.pi * np.arange(self.ranges.shape[1]) / self.ranges.shape[1]
+        ends = self.ranges[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return ends + np.array([x, y])
+
+    def scan_points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points of the pooled scans, or of the raw ones where there is no pooling.
+
+        Returns:
+            Points ``[T + 1, N, 2]`` m in the robot frame, those without return at ``max_range``,
+            and which of them are returns ``[T + 1, N]`` bool.
+        """
+        limit = self.max_range - 1e-3  # m; at the maximum range nothing was hit
+        points = self.beam_ends() if self.points is None else self.points
+        distance = np.linalg.norm(points, axis=-1)
+        returned = distance < limit
+        if self.points is None:
+            returned &= self.ranges < limit
+            far = points * (self.max_range / np.maximum(distance, 1e-9))[..., None]
+            points = np.where(returned[..., None], points, far)
+        return points, returned
 
     def save(self, file: str | Path, compact: bool = False) -> None:
         """Write one compressed ``.npz`` that numpy alone can read.

@@ -49,6 +49,14 @@ def _obstacle(tensor: Tensor) -> str | None:
     return None
 
 
+def as_real(tensor: Tensor) -> Tensor:
+    """Return a tensor of integers as float32 and one of real numbers as it is.
+
+    Kernels write their results in the dtype of their input, which would cut off fractions.
+    """
+    return tensor if tensor.is_floating_point() else tensor.float()
+
+
 @functools.cache
 def missing_for_cuda() -> str | None:
     """Return what is missing to run kernels on a CUDA device, ``None`` if nothing is."""

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import Backend, check_same_device, is_compiled
+from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
 from navrl.ops.returns import finite_returns
 
 # A point on the border of two sectors belongs to both, also in float32.
@@ -85,6 +85,7 @@ def tagd(
         previous_points=previous_points,
         previous_returns=previous_returns,
     )
+    points, previous_points = as_real(points), as_real(previous_points)
     if is_compiled(backend, points, returns, previous_points, previous_returns):
         options = (num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
         return _tagd_compiled((points, returns, previous_points, previous_returns), options)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops import se2
-from navrl.ops.backend import Backend, check_same_device, is_compiled
+from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
 from navrl.ops.lines import ScanLines, fit_lines
 from navrl.ops.returns import finite_returns
 from navrl.ops.rigid_fit import fit_rigid
@@ -106,6 +106,7 @@ def align(
     target_returns: Tensor,
     options: IcpOptions = PAPER,
     backend: Backend = "auto",
+    seen: Tensor | None = None,
 ) -> Alignment:
     """Find the rigid motion that lays one scan over another.
 
@@ -122,6 +123,7 @@ def align(
         options: How to align.
         backend: See :mod:`navrl.ops.backend`. The kernel computes in float64 and is the faster the
             nearer its target is to an ordered scan of as many points as the source.
+        seen: ``[*B, N]`` bool, bearings covered, for the rotation search; None for a full circle.
 
     Returns:
         The alignment; ``se2.transform_points(result.transform, source_points)`` is the source scan
@@ -135,58 +137,56 @@ def align(
         rotation search and the point-to-line stage are additions.
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
-    if is_compiled(backend, source_points, source_returns, target_points, target_returns):
-        return _align_compiled(
-            source_points, source_returns, target_points, target_returns, options
-        )
+    if seen is not None and (seen.shape != source_returns.shape or seen.dtype != torch.bool):
+        shapes = f"{tuple(source_returns.shape)}, got {seen.dtype} of shape {tuple(seen.shape)}"
+        raise ValueError(f"seen must be bool of shape {shapes}")
+    source_points, target_points = as_real(source_points), as_real(target_points)
+    scans = (source_points, source_returns, target_points, target_returns)
+    if is_compiled(backend, *scans):
+        return _align_compiled(scans, seen, options)
     source_returns = finite_returns(source_points, source_returns)
     target_returns = finite_returns(target_points, target_returns)
-    batch, num_source = source_points.shape[:-2], source_points.shape[-2]
+    *batch, num_source, _ = source_points.shape
+    num_target = target_points.shape[-2]
     scans = (
         torch.where(source_returns.unsqueeze(-1), source_points, 0.0).reshape(-1, num_source, 2),
         source_returns.reshape(-1, num_source),
-        torch.where(target_returns.unsqueeze(-1), target_points, 0.0).reshape(
-            -1, *target_points.shape[-2:]
-        ),
-        target_returns.reshape(-1, target_returns.shape[-1]),
+        torch.where(target_returns.unsqueeze(-1), target_points, 0.0).reshape(-1, num_target, 2),
+        target_returns.reshape(-1, num_target),
     )
-    size = max(1, PAIRS_PER_BLOCK // (num_source * target_points.shape[-2]))
-    blocks = [
-        _align(*block, options) for block in zip(*(scan.split(size) for scan in scans), strict=True)
-    ]
+    scans += () if seen is None else (seen.reshape(-1, num_source),)
+    size = max(1, PAIRS_PER_BLOCK // (num_source * num_target))
+    split = zip(*(scan.split(size) for scan in scans), strict=True)
+    blocks = [_align(options, *block) for block in split]
     parts = (torch.cat(part) for part in zip(*blocks, strict=True))
     return Alignment(*(part.reshape((*batch, *part.shape[1:])) for part in parts))
 
 
 def _align_compiled(
-    source_points: Tensor,
-    source_returns: Tensor,
-    target_points: Tensor,
-    target_returns: Tensor,
-    options: IcpOptions,
+    scans: tuple[Tensor, ...], seen: Tensor | None, options: IcpOptions
 ) -> Alignment:
     from navrl.ops.kernels.icp import align_scans
 
-    batch = source_points.shape[:-2]
-    scans = (source_points, source_returns, target_points, target_returns)
+    batch = scans[0].shape[:-2]
     flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
-    return Alignment(
-        *(result.reshape(batch + result.shape[1:]) for result in align_scans(*flat, options))
-    )
+    seen = seen if seen is None else seen.reshape(batch.numel(), -1)
+    results = align_scans(*flat, seen, options)
+    return Alignment(*(result.reshape(batch + result.shape[1:]) for result in results))
 
 
 def _align(
+    options: IcpOptions,
     source: Tensor,
     source_returns: Tensor,
     target: Tensor,
     target_returns: Tensor,
-    options: IcpOptions,
+    seen: Tensor | None = None,
 ) -> Alignment:
     """Align one block ``[S, N, 2]`` of sanitised scans through all stages."""
     transform = source.new_zeros(source.shape[0], 3)
     if options.initialization == "rotation_search":
         transform[:, 2] = rotation_search(
-            source, source_returns, target, target_returns, options.search_range
+            source, source_returns, target, target_returns, options.search_range, seen
         )
     count = torch.zeros_like(source_returns[:, 0], dtype=torch.int64)
     state = Alignment(transform, count.bool(), count.clone(), transform[:, 0].clone(), count)

@@ -12,7 +12,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import Backend, is_compiled
+from navrl.ops.backend import Backend, as_real, is_compiled
+
+# The search for a projection ends where the path has led this many times as far from the position
+# as its nearest point so far: what comes after is another branch, even if it is nearer. Not
+# less than sqrt(2), which is what a robot sees that cuts a right angle.
+LEAVING_RATIO = 1.5
 
 
 class PathProjection(NamedTuple):
@@ -35,11 +40,14 @@ def project_onto_path(
     """Find the closest point of the path near the place where the robot was before.
 
     Only the stretch from ``behind`` m before to ``ahead`` m after the previous progress is
-    searched. So the projection never jumps to another branch where the path crosses or approaches
-    itself, and with ``behind=0`` it never goes back.
+    searched, and ahead only until the path has led :data:`LEAVING_RATIO` times as far from the
+    position as the nearest point found so far. So the projection stays on its branch where the path
+    crosses or approaches itself, and passes on to the next leg only near the bend between the two,
+    as a robot does that cuts a corner. With ``behind=0`` it never goes back.
 
     Args:
-        path: ``[*B, P, 2]`` m, P >= 2.
+        path: ``[*B, P, 2]`` m, P >= 2. With a position in float64, or the other way round, both
+            are, so that large coordinates keep their digits; integers are read as float32.
         position: ``[*B, 2]`` m, same frame.
         previous_progress: ``[*B]`` m, arc length of the previous projection. None searches the
             whole path, as at the start of an episode.
@@ -66,6 +74,10 @@ def project_onto_path(
             f"got shape {tuple(position.shape)}"
         )
     check_window(ahead, behind)
+    dtype = torch.promote_types(as_real(path).dtype, as_real(position).dtype)
+    path, position = path.to(dtype), position.to(dtype)
+    if previous_progress is not None:
+        previous_progress = previous_progress.to(dtype)
     before = () if previous_progress is None else (previous_progress,)
     if is_compiled(backend, path, position, *before):
         return _project_compiled(path, position, previous_progress, ahead, behind)
@@ -87,12 +99,29 @@ def project_onto_path(
     squared = miss_x.square_().addcmul_(miss_y, miss_y)
     if previous_progress is not None:
         squared = squared.masked_fill((arc[..., 1:] < first) | (segment_start > last), math.inf)
+        share = torch.minimum(last - segment_start, length) * inverse_length
+        end_x, end_y = offset_x - share * step_x, offset_y - share * step_y
+        is_ahead = arc[..., 1:] >= previous_progress
+        squared = _up_to_leaving(squared, end_x.square() + end_y.square(), is_ahead)
     squared, index = squared.min(dim=-1, keepdim=True)
     progress = arc.gather(-1, index) + along.gather(-1, index)
     if previous_progress is not None:  # rounding must not go back
         progress = torch.maximum(progress, first)
     progress = torch.minimum(progress, arc[..., -1:])  # nor past the end
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
+
+
+def _up_to_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor:
+    """Return squared distances to segments, infinite from where the path has left the position.
+
+    Args:
+        squared: ``[*B, S]`` m^2, to the nearest point of each segment, infinite where not searched.
+        at_end: ``[*B, S]`` m^2, to the end of each segment, or of its searched part.
+        is_ahead: ``[*B, S]`` bool, segments that end after the previous projection.
+    """
+    nearest = torch.where(is_ahead, squared, math.inf).cummin(dim=-1).values
+    leaves = is_ahead & (at_end > LEAVING_RATIO**2 * nearest)
+    return squared.masked_fill(leaves.cumsum(-1) > leaves.long(), math.inf)
 
 
 def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
@@ -111,7 +140,8 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
         ValueError: If a shape is outside the above, naming it.
     """
     _check_path(path)
-    batch = path.shape[:-2]
+    path = as_real(path)
+    arc, batch = arc.to(path.dtype), path.shape[:-2]
     if arc.shape[: len(batch)] != batch or arc.ndim > len(batch) + 1:
         raise ValueError(
             f"arc must have shape [*B] or [*B, K] for a path {tuple(path.shape)}, "
@@ -171,7 +201,7 @@ def _point_at_compiled(path: Tensor, arc: Tensor) -> Tensor:
 def path_length(path: Tensor) -> Tensor:
     """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``."""
     _check_path(path)
-    return _segments(path)[0][..., -1]
+    return _segments(as_real(path))[0][..., -1]
 
 
 def check_window(ahead: float, behind: float) -> None:

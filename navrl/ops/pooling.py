@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import functools
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import Backend, is_compiled
+from navrl.ops.backend import Backend, as_real, is_compiled
+from navrl.ops.scan_layout import TURN, ScanLayout, scan_layout
 
 # A reading closer to the maximum than this is the maximum: float noise never makes a return.
 RETURN_MARGIN_M = 1e-4
@@ -24,98 +26,159 @@ class PooledScan(NamedTuple):
     points: Tensor
     """``[*B, N, 2]`` m, robot frame; a bin without return lies at ``max_range``."""
     returns: Tensor
-    """``[*B, N]`` bool, whether the bin saw anything."""
+    """``[*B, N]`` bool, whether the bin holds a return."""
 
 
 def min_pool(
     ranges: Tensor,
-    group_size: int = 8,
+    group_size: int | None = 8,
     max_range: float = 3.5,
     bearing: Bearing = "bin",
     backend: Backend = "auto",
+    *,
+    num_points: int | None = None,
+    angle_min: float = 0.0,
+    angle_increment: float | None = None,
+    mount: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> PooledScan:
-    """Keep the nearest of each ``group_size`` neighbouring beams.
+    """Keep the nearest return of each of N equal bins of bearings around the robot.
 
     The minimum is safe: the nearest obstacle of the scan is always among the pooled points. A
     reading is a return if ``0 < r < max_range``. Everything else (maximum range or more, infinity,
     NaN, zero or less, as drivers report a miss) is no return, so one broken beam never
-    contaminates its neighbours.
+    contaminates its neighbors.
+
+    The bins cover the full circle, whatever the scanner covers of it. A bin that no beam points
+    into has no return, as a free one; :meth:`navrl.ops.scan_layout.ScanLayout.seen` tells the two
+    apart. With a mount that is not at the robot's center, ranges and bearings are those from the
+    robot's center, and what lies at ``max_range`` or beyond from there is no return.
 
     Args:
-        ranges: ``[*B, beams]`` m, beam j at ``2*pi*j/beams`` counter-clockwise from straight ahead.
-        group_size: Number of beams in a bin; must divide the number of beams.
-        max_range: Range of the sensor, m.
-        bearing: Where a point is drawn: ``"bin"`` at the centre angle of its bin, ``"beam"`` at the
+        ranges: ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment`` counter-clockwise
+            from the scanner's x axis. Integers are read as float32.
+        group_size: Beams in a bin; must divide the beams of a revolution. None with ``num_points``.
+        max_range: Range of the sensor, in the unit of ``ranges``.
+        bearing: Where a point is drawn: ``"bin"`` at the center angle of its bin, ``"beam"`` at the
             angle of the beam that measured it.
-        backend: See :mod:`navrl.ops.backend`; all agree bit for bit.
+        backend: See :mod:`navrl.ops.backend`; all agree bit for bit. A mount beside the center is
+            pooled by the torch form whatever the backend.
+        num_points: Bins N; None follows from ``group_size``. It need not divide the beams if
+            ``group_size`` is None.
+        angle_min: Bearing of beam 0 in the scanner's frame, rad.
+        angle_increment: From one beam to the next, rad, of either sign; None for a full circle.
+        mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
 
     Returns:
-        The pooled scan with ``N = beams / group_size`` points, ordered by bearing.
+        The pooled scan of N points, ordered by bearing, bin 0 straight ahead.
 
     Raises:
         ValueError: If an argument is outside the above, naming it.
 
     Reference:
         Paper Sec. IV-G (1,440 beams) and IV-C (min-pooled to 180). The bearing of a
-        pooled point is not given there; the bin's centre is the authors' precursor's choice, and
+        pooled point is not given there; the bin's center is the authors' precursor's choice, and
         ``"beam"`` is up to half a bin (0.9 deg) more exact.
     """
-    check_pooling(ranges.shape, group_size, max_range, bearing)
+    if ranges.ndim < 1 or ranges.shape[-1] < 1:
+        raise ValueError(f"ranges must have shape [*B, beams], got {tuple(ranges.shape)}")
+    check_pooling(max_range, bearing)
+    increment = None if angle_increment is None else float(angle_increment)
+    layout = scan_layout(
+        ranges.shape[-1], group_size, num_points, float(angle_min), increment, tuple(mount)
+    )
+    ranges = as_real(ranges)
+    if layout.mount[:2] != (0.0, 0.0):
+        return _pool_from_center(ranges, layout, max_range, bearing)
+    table = None if layout.is_plain else _flat_table(layout, ranges.device)
+    if table is not None:  # the beams of each bin side by side, as in a plain scan
+        missing = ranges.new_full((*ranges.shape[:-1], 1), max_range)
+        ranges = torch.cat([ranges, missing], dim=-1)[..., table]
+    directions = _directions(layout, bearing, ranges.dtype, ranges.device)
     if is_compiled(backend, ranges):
-        return _min_pool_compiled(ranges, group_size, max_range, bearing)
-    is_return = (ranges > 0.0) & (ranges < max_range - RETURN_MARGIN_M)  # False for NaN
-    beams = torch.where(is_return, ranges, max_range).unflatten(-1, (-1, group_size))
-    nearest, index = beams.min(dim=-1)
+        return _min_pool_compiled(ranges, layout.num_bins, directions, max_range, bearing)
+    cleaned = torch.where(_is_return(ranges, max_range), ranges, max_range)
+    nearest, index = cleaned.unflatten(-1, (layout.num_bins, -1)).min(dim=-1)
     returns = nearest < max_range
-    angle = bin_centres(ranges.shape[-1], group_size, ranges.dtype, ranges.device)
+    row = torch.arange(layout.num_bins, device=ranges.device)
     if bearing == "beam":
-        offset = beam_offsets(index, ranges.shape[-1], group_size, ranges.dtype)
-        angle = angle + torch.where(returns, offset, 0.0)
-    direction = torch.stack([angle.cos(), angle.sin()], dim=-1)
-    return PooledScan(nearest, nearest.unsqueeze(-1) * direction, returns)
+        size = ranges.shape[-1] // layout.num_bins
+        row = torch.where(returns, layout.num_bins + row * size + index, row)
+    return PooledScan(nearest, nearest.unsqueeze(-1) * directions[row], returns)
 
 
-def check_pooling(
-    shape: torch.Size, group_size: int, max_range: float, bearing: Bearing = "bin"
-) -> None:
-    """Raise a ValueError that names the argument of :func:`min_pool` which cannot be."""
-    if len(shape) < 1 or shape[-1] < 1:
-        raise ValueError(f"ranges must have shape [*B, beams], got {tuple(shape)}")
-    if group_size < 1:
-        raise ValueError(f"group_size must be at least 1, got {group_size}")
-    if shape[-1] % group_size:
-        raise ValueError(
-            f"group_size must divide the number of beams: {shape[-1]} beams, "
-            f"group_size {group_size}"
-        )
+def check_pooling(max_range: float, bearing: Bearing = "bin") -> None:
+    """Raise a ValueError that names the argument of :func:`min_pool` which is out of range."""
     if not max_range > RETURN_MARGIN_M:
         raise ValueError(f"max_range must be positive, got {max_range}")
     if bearing not in ("bin", "beam"):
         raise ValueError(f"bearing must be 'bin' or 'beam', got {bearing!r}")
 
 
+def _is_return(ranges: Tensor, max_range: float) -> Tensor:
+    return (ranges > 0.0) & (ranges < max_range - RETURN_MARGIN_M)  # False for NaN
+
+
 def _min_pool_compiled(
-    ranges: Tensor, group_size: int, max_range: float, bearing: Bearing
+    ranges: Tensor, num_bins: int, directions: Tensor, max_range: float, bearing: Bearing
 ) -> PooledScan:
     from navrl.ops.kernels.pooling import pool
 
     batch = ranges.shape[:-1]
     flat = ranges.reshape(batch.numel(), ranges.shape[-1])
-    pooled = pool(flat, group_size, max_range, bearing)
+    pooled = pool(flat, num_bins, directions, max_range, bearing)
     return PooledScan(*(values.reshape(batch + values.shape[1:]) for values in pooled))
 
 
-def bin_centres(
-    num_beams: int,
-    group_size: int,
-    dtype: torch.dtype,
-    device: torch.device | str = "cpu",
+def _pool_from_center(
+    ranges: Tensor, layout: ScanLayout, max_range: float, bearing: Bearing
+) -> PooledScan:
+    """Pool the readings of a scanner beside the robot's center by where they lie from there."""
+    direction = _unit_vectors(layout.beam_bearings()).to(ranges)
+    hits = ranges.unsqueeze(-1) * direction + ranges.new_tensor(layout.mount[:2])
+    distance = torch.linalg.vector_norm(hits, dim=-1)
+    is_return = _is_return(ranges, max_range) & (distance < max_range - RETURN_MARGIN_M)
+    distance = torch.where(is_return, distance, max_range)
+    index = layout.bin_of(torch.atan2(hits[..., 1], hits[..., 0]).nan_to_num().double())
+    bins = (*ranges.shape[:-1], layout.num_bins)
+    nearest = distance.new_full(bins, max_range).scatter_reduce(-1, index, distance, "amin")
+    returns = nearest < max_range
+    centers = _unit_vectors(layout.bin_centers(ranges.dtype, ranges.device))
+    points = nearest.unsqueeze(-1) * centers
+    if bearing == "beam":
+        is_nearest = is_return & (distance == nearest.gather(-1, index))
+        beam = torch.arange(layout.num_beams, device=ranges.device).expand_as(index)
+        beam = torch.where(is_nearest, beam, layout.num_beams - 1)
+        last = torch.full(bins, layout.num_beams - 1, device=ranges.device)
+        first = last.scatter_reduce(-1, index, beam, "amin")
+        measured = hits.gather(-2, first.unsqueeze(-1).expand(*first.shape, 2))
+        points = torch.where(returns.unsqueeze(-1), measured, points)
+    return PooledScan(nearest, points, returns)
+
+
+@functools.lru_cache(maxsize=16)
+def _flat_table(layout: ScanLayout, device: torch.device) -> Tensor:
+    return layout.beams_by_bin().flatten().to(device)
+
+
+@functools.lru_cache(maxsize=16)
+def _directions(
+    layout: ScanLayout, bearing: Bearing, dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """Return the centre angle of each bin, ``[N]`` rad."""
-    first_beam = torch.arange(0, num_beams, group_size, device=device, dtype=dtype)
-    return (first_beam + 0.5 * (group_size - 1)) * (2.0 * math.pi / num_beams)
+    """Return the directions of the bins ``[N, 2]``, then, if needed, of all their beams.
+
+    The N * M beams are ordered as in :meth:`ScanLayout.beams_by_bin`.
+    """
+    angle = layout.bin_centers(dtype)
+    if bearing == "beam" and layout.is_plain:
+        size = layout.group_size
+        offset = torch.arange(layout.num_beams).remainder(size).to(dtype) - 0.5 * (size - 1)
+        each = angle.repeat_interleave(size) + offset * (TURN / layout.num_beams)
+        angle = torch.cat((angle, each))
+    elif bearing == "beam":
+        each = torch.nn.functional.pad(layout.beam_bearings(), (0, 1))
+        angle = torch.cat((angle, each[layout.beams_by_bin().flatten()].to(dtype)))
+    return _unit_vectors(angle).to(device)
 
 
-def beam_offsets(index: Tensor, num_beams: int, group_size: int, dtype: torch.dtype) -> Tensor:
-    """Return the angle, rad, from a bin's centre to the ``index``-th of its beams."""
-    return (index.to(dtype) - 0.5 * (group_size - 1)) * (2.0 * math.pi / num_beams)
+def _unit_vectors(angle: Tensor) -> Tensor:
+    return torch.stack((angle.cos(), angle.sin()), dim=-1)

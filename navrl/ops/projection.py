@@ -7,11 +7,12 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.pooling import bin_centres
+from navrl.ops.backend import as_real
+from navrl.ops.scan_layout import bin_centers
 
 
 def project_ranges(
-    points: Tensor, fill: Tensor, group_size: int = 8, max_range: float = 3.5
+    points: Tensor, fill: Tensor, group_size: int | None = 8, max_range: float = 3.5
 ) -> Tensor:
     """Return the nearest point's range in each bin of bearings.
 
@@ -21,7 +22,7 @@ def project_ranges(
         fill: ``[*B, N]`` m, broadcast: the range of a bin that no point falls into. With the scan
             of now, what was not seen before has not moved.
         group_size: Beams in a bin, by which the N bins are those of
-            :func:`navrl.ops.pooling.min_pool`.
+            :func:`navrl.ops.pooling.min_pool`; None for bins of any number of beams.
         max_range: Largest range that is returned, m.
 
     Returns:
@@ -35,8 +36,12 @@ def project_ranges(
             f"points must have shape [*B, N, 2] and fill [*B, N], "
             f"got {tuple(points.shape)} and {tuple(fill.shape)}"
         )
+    points, fill = as_real(points), as_real(fill)
     num_bins = points.shape[-2]
-    first = bin_centres(num_bins * group_size, group_size, points.dtype, points.device)[0]
+    if group_size is None:
+        first = math.pi / num_bins
+    else:
+        first = bin_centers(num_bins * group_size, group_size, points.dtype, points.device)[0]
     bearing = torch.atan2(points[..., 1], points[..., 0]) - first
     distance = torch.linalg.vector_norm(points, dim=-1)
     is_finite = distance.isfinite()

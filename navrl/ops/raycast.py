@@ -6,7 +6,7 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import Backend, check_same_device, is_compiled
+from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
 
 
 def cast_rays(
@@ -39,6 +39,7 @@ def cast_rays(
         ValueError: shapes or devices do not match, a pose is not finite, or a size is negative.
     """
     num_boxes = _check(pose, boxes, num_boxes, num_beams, max_range)
+    pose, boxes = as_real(pose), as_real(boxes)
     if is_compiled(backend, pose, boxes):
         return _cast_rays_compiled(pose, boxes, num_boxes, num_beams, max_range)
     return _cast_rays_torch(pose, boxes, num_boxes, num_beams, max_range)

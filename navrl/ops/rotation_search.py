@@ -17,6 +17,7 @@ def rotation_search(
     target_points: Tensor,
     target_returns: Tensor,
     search_range: float = 0.7,
+    seen: Tensor | None = None,
 ) -> Tensor:
     """Turn one range profile over the other and return where they agree best.
 
@@ -31,18 +32,22 @@ def rotation_search(
         target_points: ``[*B, N, 2]`` m, likewise, with as many points.
         target_returns: ``[*B, N]`` bool.
         search_range: Largest rotation considered to either side, rad, at most pi.
+        seen: ``[*B, N]`` bool, bearings that the scanner covers; None for all.
 
     Returns:
         ``[*B]`` rad, the yaw of T_target_source, a multiple of ``2*pi/N``.
 
     Reference:
         Not in the paper. The cost of a shift is the mean over beams of the absolute difference of
-        ranges, capped at ``PROFILE_CAP_M``; a return against no return costs the cap.
+        ranges, capped at ``PROFILE_CAP_M``; a return against no return costs the cap. Where a
+        bearing was not seen in one of the two, there is nothing to compare.
     """
     num_beams = source_points.shape[-2]
     max_shift = min(int(search_range / (2.0 * math.pi) * num_beams), num_beams // 2)
     source = torch.where(source_returns, torch.linalg.vector_norm(source_points, dim=-1), math.inf)
     target = torch.where(target_returns, torch.linalg.vector_norm(target_points, dim=-1), math.inf)
+    if seen is not None:
+        source, target = (torch.where(seen, scan, math.nan) for scan in (source, target))
     shifts = sorted(range(-max_shift, max_shift + 1), key=abs)  # the smaller turn wins a tie
     costs = torch.stack([_cost(source, target.roll(-shift, -1)) for shift in shifts], dim=-1)
     yaw = torch.tensor(shifts, device=source.device) * (2.0 * math.pi / num_beams)
@@ -50,7 +55,7 @@ def rotation_search(
 
 
 def _cost(source: Tensor, target: Tensor) -> Tensor:
-    """Return the mean capped difference of two profiles, where a miss is infinite."""
-    seen = source.isfinite() | target.isfinite()
-    difference = torch.where(seen, (source - target).abs(), 0.0).clamp(max=PROFILE_CAP_M)
-    return difference.sum(-1) / seen.sum(-1).clamp(min=1)
+    """Return the mean capped difference of two profiles; a miss is infinite, not seen is NaN."""
+    counts = (source.isfinite() | target.isfinite()) & ~(source.isnan() | target.isnan())
+    difference = torch.where(counts, (source - target).abs(), 0.0).clamp(max=PROFILE_CAP_M)
+    return difference.sum(-1) / counts.sum(-1).clamp(min=1)

@@ -12,7 +12,7 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import is_compiled
+from navrl.ops.backend import as_real, is_compiled
 
 
 def wrap_angle(angle: Tensor) -> Tensor:
@@ -50,6 +50,7 @@ def transform_points(T_target_source: Tensor, points_source: Tensor) -> Tensor:
         >>> transform_points(quarter_turn, torch.tensor([[1.0, 0.0]])).round(decimals=3)
         tensor([[1., 1.]])
     """
+    T_target_source, points_source = as_real(T_target_source), as_real(points_source)
     is_row_by_row = T_target_source.shape == (*points_source.shape[:-2], 3)
     has_kernel = T_target_source.dtype == points_source.dtype and not points_source.is_cuda
     if is_row_by_row and has_kernel and is_compiled("auto", T_target_source, points_source):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from navrl.ops import se2
 from navrl.ops.noise import add_range_noise, noise_table
 
 
@@ -59,6 +60,34 @@ class Lidar:
     def beam_angles(self) -> Tensor:
         """Return [num_beams] float64 rad, each beam's angle in the mount's frame."""
         return torch.arange(self.num_beams, dtype=torch.float64) * (2.0 * math.pi / self.num_beams)
+
+    def points(self, ranges: Tensor) -> Tensor:
+        """Return where each beam ends, in the robot frame.
+
+        Args:
+            ranges: [*B, num_beams] m.
+
+        Returns:
+            [*B, num_beams, 2] m; a beam without a return ends at ``max_range``.
+        """
+        angle = self.beam_angles().to(ranges)
+        ends = ranges.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
+        mount = torch.tensor(self.mount, dtype=ranges.dtype, device=ranges.device)
+        return se2.transform_points(mount.expand(*ranges.shape[:-1], 3), ends)
+
+    def nearest(self, ranges: Tensor) -> Tensor:
+        """Return the distance from the robot's center to the nearest return.
+
+        Args:
+            ranges: [*B, num_beams] m.
+
+        Returns:
+            [*B] m, ``max_range`` without a return.
+        """
+        if self.mount[:2] == (0.0, 0.0):
+            return ranges.amin(dim=-1)
+        distance = torch.linalg.vector_norm(self.points(ranges), dim=-1)
+        return torch.where(ranges < self.max_range, distance, self.max_range).amin(dim=-1)
 
     def add_noise(self, ranges: Tensor, seed: Tensor, step: Tensor) -> Tensor:
         """Return ``ranges`` with noise on real returns.

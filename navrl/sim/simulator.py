@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from navrl.worlds import ScenarioBatch
 
 
+FARTHEST_M = 10_000.0  # m from the origin, where a float32 pose is still exact to 1 mm
+
+
 class Contact(IntEnum):
     """What the robot touches, told apart because a robot is not to blame for every contact.
 
@@ -166,7 +169,7 @@ class Simulator(ABC):
             (inside != worlds).any(),
             times.amax() > 1,
             most > self.max_pedestrians,
-            ~torch.isfinite(scenarios.start).all(),
+            ~(scenarios.start.abs() <= FARTHEST_M).all(),  # NaN too
             bad_walls.any(),
         ]
         # All verdicts at once, since a device has to be waited for.
@@ -180,7 +183,10 @@ class Simulator(ABC):
                 f"a scenario has {int(most)} pedestrians, max_pedestrians is {self.max_pedestrians}"
             )
         if nowhere:
-            raise ValueError("scenarios.start must be finite")
+            raise ValueError(
+                f"scenarios.start must be finite and within {FARTHEST_M:.0f} m of the origin: "
+                "poses are float32; shift the scenario"
+            )
         if impossible:
             row, wall = bad_walls.nonzero()[0].tolist()
             raise ValueError(

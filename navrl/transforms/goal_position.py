@@ -9,14 +9,15 @@ from torchrl.data import TensorSpec
 
 from navrl import keys
 from navrl.ops import se2
-from navrl.transforms.observation_map import Keys, ObservationMap, real_spec
+from navrl.transforms.observation_map import Keys, ObservationMap, real_spec, world_values
 
 
 class GoalPosition(ObservationMap):
     """Give the end of the global path in the robot frame, however far away it is.
 
     Args:
-        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world.
+        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world; far from its origin
+            in float64, which is kept until they are subtracted.
         out_keys: Goal ``[*B, 2]`` m in the robot frame.
 
     Raises:
@@ -34,8 +35,9 @@ class GoalPosition(ObservationMap):
 
     def map_values(self, pose: Tensor, path: Tensor) -> Sequence[Tensor]:
         """Transform the path's last point."""
-        goal_world = path[..., -1:, :].float()
-        return (se2.transform_points(se2.inverse(pose.float()), goal_world).squeeze(-2),)
+        pose, path = world_values(pose, path)
+        goal = se2.transform_points(se2.inverse(pose), path[..., -1:, :])
+        return (goal.squeeze(-2).float(),)
 
     def map_specs(self, pose: TensorSpec, path: TensorSpec) -> Sequence[TensorSpec]:
         """Return the spec of the goal."""

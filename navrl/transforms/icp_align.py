@@ -30,7 +30,8 @@ class ICPAlign(ObservationMap):
         translation_tolerance: Motion of a step below which it has converged, m.
         min_pairs: Matches that an alignment needs; with fewer it is the identity.
         search_range: Largest turn the rotation search considers to either side, rad.
-        in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t-1, then of scan t.
+        in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t-1, then of scan t;
+            optionally the bins that the lidar covers ``[*B, N]`` bool, for the rotation search.
         out_keys: Points of scan t-1 in frame t ``[*B, N, 2]`` m, T_target_source ``[*B, 3]``,
             whether it converged ``[*B, 1]`` bool, matched pairs ``[*B, 1]`` int64.
 
@@ -43,6 +44,7 @@ class ICPAlign(ObservationMap):
     """
 
     INPUTS = ("previous points", "previous returns", "points", "returns")
+    OPTIONAL_INPUTS = ("seen",)
     OUTPUTS = ("aligned points", "transform", "converged", "inliers")
 
     def __init__(
@@ -87,7 +89,12 @@ class ICPAlign(ObservationMap):
         )
 
     def map_values(
-        self, previous_points: Tensor, previous_returns: Tensor, points: Tensor, returns: Tensor
+        self,
+        previous_points: Tensor,
+        previous_returns: Tensor,
+        points: Tensor,
+        returns: Tensor,
+        seen: Tensor | None = None,
     ) -> Sequence[Tensor]:
         """Align; see :func:`navrl.ops.icp.align`."""
         if self.method == "none":
@@ -98,7 +105,8 @@ class ICPAlign(ObservationMap):
                 returns.new_zeros(*batch, 1),
                 torch.zeros(*batch, 1, dtype=torch.int64, device=points.device),
             )
-        result = align(previous_points, previous_returns, points, returns, self.options)
+        scans = (previous_points, previous_returns, points, returns)
+        result = align(*scans, self.options, seen=seen)
         return (
             se2.transform_points(result.transform, previous_points),
             result.transform,
@@ -112,6 +120,7 @@ class ICPAlign(ObservationMap):
         previous_returns: TensorSpec,
         points: TensorSpec,
         returns: TensorSpec,
+        seen: TensorSpec | None = None,
     ) -> Sequence[TensorSpec]:
         """Return the specs of aligned points, transform, converged and inliers."""
         batch = points.shape[:-2]

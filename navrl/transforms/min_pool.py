@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
+from torchrl.envs import Compose, Transform
 
 from navrl import keys
 from navrl.ops.pooling import Bearing, check_pooling, min_pool
+from navrl.ops.scan_layout import ScanLayout, check_layout, scan_layout
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec
 
 
 class MinPool(ObservationMap):
-    """Keep the nearest return of each bin of neighbouring beams, as range and as point.
+    """Keep the nearest return of each of N equal bins of bearings, as range and as point.
+
+    The bins cover the full circle around the robot in any case. Bins that no beam points into (a
+    scanner of 270 degrees) have no return; ``seen``, if a fourth out_key asks for it, tells them
+    from free ones. Readings, of any mount, become ranges and points of the robot's own frame.
 
     Args:
-        group_size: Beams in a bin; must divide the number of beams, which is free.
+        group_size: Beams in a bin; must divide the beams of a revolution. None with ``num_points``.
         max_range: Range of the sensor, m; a reading at or beyond it, not finite, or not positive
             is no return.
-        bearing: ``"bin"`` draws a point at its bin's centre angle, ``"beam"`` at the angle of the
+        bearing: ``"bin"`` draws a point at its bin's center angle, ``"beam"`` at the angle of the
             beam that measured it.
-        num_points: Points N that must come out, for networks made for as many; None for any.
-        in_keys: Ranges ``[*B, beams]`` m, beam j at ``2*pi*j/beams`` from straight ahead.
+        num_points: Points N that must come out, for networks made for as many; None for any. With
+            ``group_size=None`` it sets them, and need not divide the beams.
+        angle_min: Bearing of beam 0 in the scanner's frame, rad.
+        angle_increment: From one beam to the next, rad, negative if they are counted clockwise;
+            None for beams over a full circle, counter-clockwise.
+        mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
+        in_keys: Ranges ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment``.
         out_keys: Pooled ranges ``[*B, N]`` m, points ``[*B, N, 2]`` m in the robot frame, and
-            which of them are returns ``[*B, N]`` bool.
+            which of them are returns ``[*B, N]`` bool; optionally which bins are seen ``[*B, N]``.
 
     Raises:
         ValueError: If an argument is not as above, or if ``group_size`` does not divide the
@@ -37,44 +48,91 @@ class MinPool(ObservationMap):
 
     INPUTS = ("ranges",)
     OUTPUTS = ("pooled ranges", "points", "returns")
+    OPTIONAL_OUTPUTS = ("seen",)
 
     def __init__(
         self,
-        group_size: int = 8,
+        group_size: int | None = 8,
         max_range: float = 3.5,
         bearing: Bearing = "bin",
         num_points: int | None = None,
+        angle_min: float = 0.0,
+        angle_increment: float | None = None,
+        mount: Sequence[float] = (0.0, 0.0, 0.0),
         in_keys: Keys = (keys.RANGES,),
         out_keys: Keys = (keys.RANGES_POOLED, keys.POINTS, keys.RETURNS),
     ) -> None:
         super().__init__(in_keys, out_keys)
-        check_pooling(torch.Size([max(1, group_size)]), group_size, max_range, bearing)
-        self.group_size = group_size
-        self.max_range = max_range
-        self.bearing = bearing
-        self.num_points = num_points
+        check_pooling(max_range, bearing)
+        check_layout(group_size, num_points, angle_min, angle_increment, mount)
+        self.group_size, self.num_points = group_size, num_points
+        self.max_range, self.bearing = max_range, bearing
+        self.angle_min, self.angle_increment = angle_min, angle_increment
+        self.mount = tuple(float(value) for value in mount)
+
+    def layout(self, num_beams: int) -> ScanLayout:
+        """Return the bearings and bins of a scan of ``num_beams`` beams.
+
+        Raises:
+            ValueError: If the beams do not fit this pooling.
+        """
+        angles = (self.angle_min, self.angle_increment, self.mount)
+        return scan_layout(num_beams, self.group_size, self.num_points, *angles)
 
     def map_values(self, ranges: Tensor) -> Sequence[Tensor]:
         """Pool ``ranges``; see :func:`navrl.ops.pooling.min_pool`."""
-        return min_pool(ranges.float(), self.group_size, self.max_range, self.bearing)
+        pooled = min_pool(
+            ranges.float(),
+            self.group_size,
+            self.max_range,
+            self.bearing,
+            num_points=self.num_points,
+            angle_min=self.angle_min,
+            angle_increment=self.angle_increment,
+            mount=self.mount,
+        )
+        if len(self.out_keys) == len(self.OUTPUTS):
+            return pooled
+        seen = self.layout(ranges.shape[-1]).seen().to(ranges.device)
+        return (*pooled, seen.expand(pooled.returns.shape).clone())
 
     def map_specs(self, ranges: TensorSpec) -> Sequence[TensorSpec]:
-        """Return the specs of pooled ranges, points and returns."""
+        """Return the specs of pooled ranges, points, returns and, if asked for, seen."""
         try:
-            check_pooling(ranges.shape, self.group_size, self.max_range, self.bearing)
+            num_points = self.layout(ranges.shape[-1]).num_bins
         except ValueError as error:
             raise ValueError(f"MinPool on key {self.in_keys[0]!r}: {error}") from None
-        num_points = ranges.shape[-1] // self.group_size
-        if self.num_points not in (None, num_points):
-            raise ValueError(
-                f"MinPool on key {self.in_keys[0]!r}: num_points={self.num_points}: group_size="
-                f"{self.group_size} makes {num_points} of {ranges.shape[-1]} beams; it needs a "
-                f"lidar of {self.num_points * self.group_size} beams"
-            )
         shape = (*ranges.shape[:-1], num_points)
         kind = {"dtype": torch.float32, "device": ranges.device}
+        flags = [flag_spec(ranges, *shape) for _ in self.out_keys[2:]]
         return (
             Bounded(0.0, self.max_range, shape, **kind),
             Bounded(-self.max_range, self.max_range, (*shape, 2), **kind),
-            flag_spec(ranges, *shape),
+            *flags,
         )
+
+
+def check_mount(transforms: Transform, mount: Sequence[float]) -> None:
+    """Hold the poolings of raw scans to the place of the lidar that makes them.
+
+    Args:
+        transforms: A pipeline, or one step of it.
+        mount: (x, y, yaw) of the lidar in the robot frame, m and rad.
+
+    Raises:
+        ValueError: If a pooling assumes another place, so that its points would be off.
+    """
+    for pool in _poolings(transforms):
+        if keys.RANGES in pool.in_keys and pool.mount != tuple(map(float, mount)):
+            raise ValueError(
+                f"lidar.mount={list(mount)}: must be the mount of MinPool, which is "
+                f"{list(pool.mount)}: set both, transforms.min_pool.mount too"
+            )
+
+
+def _poolings(transforms: Transform) -> Iterator[MinPool]:
+    if isinstance(transforms, MinPool):
+        yield transforms
+    elif isinstance(transforms, Compose):
+        for step in transforms:
+            yield from _poolings(step)

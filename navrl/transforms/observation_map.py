@@ -23,9 +23,9 @@ class ObservationMap(Transform):
     and, called with keywords, to bare tensors. Nothing is kept between calls.
 
     Args:
-        in_keys: One key for each of ``INPUTS``, in their order. A nested key is a tuple, or a list
-            as it comes from YAML.
-        out_keys: One key for each of ``OUTPUTS``.
+        in_keys: One key for each of ``INPUTS``, in their order, and then for any number of
+            ``OPTIONAL_INPUTS``. A nested key is a tuple, or a list as it comes from YAML.
+        out_keys: One key for each of ``OUTPUTS``, and then of ``OPTIONAL_OUTPUTS``.
 
     Raises:
         ValueError: If the number of keys is not right, or later if the environment lacks one.
@@ -33,12 +33,14 @@ class ObservationMap(Transform):
 
     INPUTS: tuple[str, ...]
     OUTPUTS: tuple[str, ...]
+    OPTIONAL_INPUTS: tuple[str, ...] = ()
+    OPTIONAL_OUTPUTS: tuple[str, ...] = ()
 
     def __init__(self, in_keys: Keys, out_keys: Keys) -> None:
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
         name = type(self).__name__
-        _check_count(name, "in_keys", self.in_keys, self.INPUTS)
-        _check_count(name, "out_keys", self.out_keys, self.OUTPUTS)
+        _check_count(name, "in_keys", self.in_keys, self.INPUTS, self.OPTIONAL_INPUTS)
+        _check_count(name, "out_keys", self.out_keys, self.OUTPUTS, self.OPTIONAL_OUTPUTS)
 
     @abstractmethod
     def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
@@ -107,6 +109,31 @@ def map_reset_rows(
     return tensordict_reset
 
 
+def refuse_without_past(
+    transform: Transform, tensordict: TensorDictBase, keys: Sequence[NestedKey]
+) -> None:
+    """Refuse a stored transition whose root lacks what followed from the steps before it.
+
+    Without ``"next"`` the data is taken for first scans, which have no past.
+
+    Args:
+        transform: Which carries ``keys`` from step to step.
+        tensordict: The data.
+        keys: What is missing at the root of it.
+
+    Raises:
+        ValueError: If the data is of transitions, naming the keys.
+    """
+    if "next" in tensordict:
+        name = type(transform).__name__
+        raise ValueError(
+            f"{name} needs {list(keys)} at the root of stored transitions: the steps before them, "
+            f"from which they follow, are not there. Let {name} and the steps before it run in the "
+            "environment and store their outputs; those that read one time only (ICPAlign, TAGD, "
+            "Normalize) can run in the replay buffer"
+        )
+
+
 def nested_keys(keys: Keys) -> list[NestedKey]:
     """Return keys as TorchRL wants them: YAML's lists for nested keys become tuples."""
     keys = [keys] if isinstance(keys, str) else keys
@@ -131,6 +158,16 @@ def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorS
     return specs[key]
 
 
+def world_values(*values: Tensor) -> tuple[Tensor, ...]:
+    """Return world coordinates in one precision: float64 if any has it, else float32.
+
+    Near (5e5, 5.6e6) m, as maps in UTM coordinates are, float32 knows half a meter; so they are
+    cast only once they have been subtracted from each other.
+    """
+    is_double = any(value.dtype == torch.float64 for value in values)
+    return tuple(value.double() if is_double else value.float() for value in values)
+
+
 def real_spec(like: TensorSpec, *shape: int) -> Unbounded:
     """Return a float32 spec on the device of ``like``."""
     return Unbounded(shape, dtype=torch.float32, device=like.device)
@@ -142,10 +179,15 @@ def flag_spec(like: TensorSpec, *shape: int) -> Binary:
 
 
 def _check_count(
-    transform: str, argument: str, keys: Sequence[NestedKey], names: tuple[str, ...]
+    transform: str,
+    argument: str,
+    keys: Sequence[NestedKey],
+    names: tuple[str, ...],
+    optional: tuple[str, ...],
 ) -> None:
-    if len(keys) != len(names):
+    if not len(names) <= len(keys) <= len(names) + len(optional):
+        more = f", and optionally {', '.join(optional)}" if optional else ""
         raise ValueError(
-            f"{transform}: {argument} must be {len(names)} keys ({', '.join(names)}), got {keys}; "
-            f"a nested key is a list of its own"
+            f"{transform}: {argument} must be {len(names)} keys ({', '.join(names)}){more}, got "
+            f"{keys}; a nested key is a list of its own"
         )

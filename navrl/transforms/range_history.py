@@ -12,7 +12,14 @@ from torchrl.envs import Transform
 from navrl import keys
 from navrl.ops import se2
 from navrl.ops.projection import project_ranges
-from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec, real_spec
+from navrl.transforms.observation_map import (
+    Keys,
+    nested_keys,
+    read,
+    read_spec,
+    real_spec,
+    refuse_without_past,
+)
 
 
 class RangeHistory(Transform):
@@ -26,10 +33,12 @@ class RangeHistory(Transform):
 
     Args:
         num_scans: Past scans K.
-        group_size: Beams in a bin of the min-pooling, which says where the bearings are.
+        group_size: Beams in a bin of the min-pooling, which says where the bearings are; None if
+            it is None there.
         max_range: Range of the sensor, m.
         in_keys: Points ``[*B, N, 2]`` m of scan t, those without return at ``max_range``, and
-            T_target_source ``[*B, 3]`` of frame t-1 in frame t.
+            T_target_source ``[*B, 3]`` of frame t-1 in frame t; optionally the bins that the
+            lidar covers ``[*B, N]`` bool. The others say nothing of the past: not that it was free.
         out_keys: Past points ``[*B, K, N, 2]`` m in frame t, scan t-1 first, and all ranges
             ``[*B, K + 1, N]`` m, scan t first.
 
@@ -45,18 +54,19 @@ class RangeHistory(Transform):
     def __init__(
         self,
         num_scans: int = 3,
-        group_size: int = 8,
+        group_size: int | None = 8,
         max_range: float = 3.5,
         in_keys: Keys = (keys.POINTS, keys.ICP_TRANSFORM),
         out_keys: Keys = (keys.POINTS_HISTORY, keys.RANGES_HISTORY),
     ) -> None:
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
-        if len(self.in_keys) != 2 or len(self.out_keys) != 2:
+        if len(self.in_keys) not in (2, 3) or len(self.out_keys) != 2:
             raise ValueError(
                 f"RangeHistory: in_keys (points, transform) and out_keys (past points, ranges) "
-                f"must be two each, got {self.in_keys} and {self.out_keys}"
+                f"must be two each, and optionally seen in in_keys, got {self.in_keys} and "
+                f"{self.out_keys}"
             )
-        if num_scans < 1 or group_size < 1 or not max_range > 0.0:
+        if num_scans < 1 or (group_size is not None and group_size < 1) or not max_range > 0.0:
             raise ValueError(
                 f"RangeHistory: num_scans={num_scans}, group_size={group_size}: must be >= 1; "
                 f"max_range={max_range}: must be > 0"
@@ -66,7 +76,7 @@ class RangeHistory(Transform):
         self.max_range = max_range
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        points_key, transform_key = self.in_keys
+        points_key, transform_key = self.in_keys[:2]
         latest = read(self, tensordict, points_key).unsqueeze(-3)
         older = read(self, tensordict, self.out_keys[0])[..., :-1, :, :]
         past = torch.cat([latest, older], dim=-3)
@@ -87,7 +97,11 @@ class RangeHistory(Transform):
     def _write(self, tensordict: TensorDictBase, past: Tensor) -> TensorDictBase:
         now = torch.linalg.vector_norm(read(self, tensordict, self.in_keys[0]), dim=-1)
         now = now.clamp(max=self.max_range).unsqueeze(-2)
-        past_ranges = project_ranges(past, now, self.group_size, self.max_range)
+        covered = past
+        if len(self.in_keys) == 3:  # the order of points is kept, so a past one is in the same bin
+            seen = read(self, tensordict, self.in_keys[2])[..., None, :, None]
+            covered = torch.where(seen, past, torch.nan)
+        past_ranges = project_ranges(covered, now, self.group_size, self.max_range)
         tensordict.set(self.out_keys[0], past)
         tensordict.set(self.out_keys[1], torch.cat([now, past_ranges], dim=-2))
         return tensordict
@@ -97,9 +111,15 @@ class RangeHistory(Transform):
         """Restore the past of stored data.
 
         Under ``"next"`` it follows from the root's, also at the end of an episode. At the root a
-        stored past is kept; without one, the present stands in for it.
+        stored past is kept. Without one, data without ``"next"`` is of first scans, for which the
+        present stands in; a transition is refused.
+
+        Raises:
+            ValueError: If the root of a transition lacks its past.
         """
-        if any(key not in tensordict.keys(True, True) for key in self.out_keys):
+        missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
+        if missing:
+            refuse_without_past(self, tensordict, missing)
             self._call(tensordict)
         if "next" in tensordict:
             self._step(tensordict, tensordict["next"])

@@ -8,7 +8,13 @@ from torchrl.data import Composite
 from torchrl.envs import Transform
 
 from navrl import keys
-from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
+from navrl.transforms.observation_map import (
+    Keys,
+    nested_keys,
+    read,
+    read_spec,
+    refuse_without_past,
+)
 
 
 class ScanHistory(Transform):
@@ -65,9 +71,15 @@ class ScanHistory(Transform):
         """Restore the past of stored data.
 
         Under ``"next"`` it is the root's present, also at the end of an episode. At the root a
-        stored past is kept; without one, the present stands in for it.
+        stored past is kept. Without one, data without ``"next"`` is of first scans, for which the
+        present stands in; a transition is refused.
+
+        Raises:
+            ValueError: If the root of a transition lacks its past.
         """
-        if any(key not in tensordict.keys(True, True) for key in self.out_keys):
+        missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
+        if missing:
+            refuse_without_past(self, tensordict, missing)
             self._call(tensordict)
         if "next" in tensordict:
             self._step(tensordict, tensordict["next"])

@@ -19,6 +19,8 @@ from navrl.transforms.observation_map import (
     read,
     read_spec,
     real_spec,
+    refuse_without_past,
+    world_values,
 )
 
 
@@ -36,7 +38,8 @@ class Waypoints(Transform):
             formula, instead of one spacing ahead of it.
         ahead: Arc length after the last projection that is searched for the next, m.
         behind: Arc length before it that is searched, m; 0 never goes back.
-        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world.
+        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world; far from its origin
+            (UTM coordinates) in float64, which is kept until they are subtracted.
         out_keys: Waypoints ``[*B, N_f, 2]`` m in the robot frame, and the arc length of the
             projection ``[*B, 1]`` m, which the next step reads.
 
@@ -91,11 +94,18 @@ class Waypoints(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Map data outside an environment; a stored progress is kept, not searched again."""
+        """Map data outside an environment; a stored progress is kept, not searched again.
+
+        Without one, data without ``"next"`` is taken for starts of episodes.
+
+        Raises:
+            ValueError: If the root of a transition lacks its progress.
+        """
         progress_key = self.out_keys[1]
         if progress_key in tensordict.keys(True, True):
             self._write_points(tensordict, tensordict.get(progress_key))
         else:
+            refuse_without_past(self, tensordict, [progress_key])
             self._call(tensordict)
         if "next" in tensordict:
             following = tensordict["next"]
@@ -107,20 +117,20 @@ class Waypoints(Transform):
 
     def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
         """Project the pose of ``tensordict`` onto its path and write both outputs."""
-        pose, path = (read(self, tensordict, key).float() for key in self.in_keys)
+        pose, path = world_values(*(read(self, tensordict, key) for key in self.in_keys))
         projection = project_onto_path(path, pose[..., :2], previous, self.ahead, self.behind)
-        progress = projection.progress.unsqueeze(-1)
+        progress = projection.progress.unsqueeze(-1).float()
         tensordict.set(self.out_keys[1], progress)
         return self._write_points(tensordict, progress)
 
     def _write_points(self, tensordict: TensorDictBase, progress: Tensor) -> TensorDictBase:
         """Write the waypoints ahead of ``progress [*B, 1]``."""
-        pose, path = (read(self, tensordict, key).float() for key in self.in_keys)
-        index = torch.arange(self.num_waypoints, device=path.device, dtype=path.dtype)
+        pose, path = world_values(*(read(self, tensordict, key) for key in self.in_keys))
+        index = torch.arange(self.num_waypoints, device=path.device, dtype=progress.dtype)
         offset = (index + (0 if self.include_closest else 1)) * self.spacing
         points_world = point_at(path, progress + offset)
         points = se2.transform_points(se2.inverse(pose), points_world)
-        return tensordict.set(self.out_keys[0], points)
+        return tensordict.set(self.out_keys[0], points.float())
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Return the environment's specs with those of waypoints and progress added."""

@@ -162,8 +162,7 @@ class _Log:
 
     def _scan(self) -> None:
         recording = self._recording
-        local = _raw_points(recording.ranges) if recording.points is None else recording.points
-        returned = np.linalg.norm(local, axis=-1) < recording.max_range - 1e-3
+        local, returned = recording.scan_points()
         world = _lifted(_to_world(recording.pose, local), SCAN_HEIGHT)
         # Elements share the sectors evenly and in order, as in navrl.networks.encoder.
         weights, count = recording.spatial_attention, local.shape[1]
@@ -247,11 +246,6 @@ def _to_world(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     cos, sin = np.cos(pose[:, 2, None]), np.sin(pose[:, 2, None])
     x, y = points[..., 0], points[..., 1]
     return pose[:, None, :2] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-
-
-def _raw_points(ranges: np.ndarray) -> np.ndarray:
-    angle = 2 * np.pi * np.arange(ranges.shape[1]) / ranges.shape[1]
-    return ranges[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _colors(

@@ -130,16 +130,9 @@ def _draw_map(axes: Axes, recording: Recording) -> None:
 def _draw_spatial_attention(axes: Axes, recording: Recording, step: int) -> None:
     if recording.spatial_attention is None or step == recording.num_steps:
         return
-    weights = recording.spatial_attention[step]
-    ranges, pose = recording.ranges[step], recording.pose[step]
-    edges = np.linspace(0, len(ranges), len(weights) + 1).round().astype(int)
-    sectors = []
-    for first, last in pairwise(edges):
-        # The sector's last beam is drawn up to the border, so that neighbours leave no gap.
-        angle = 2 * np.pi * np.append(np.arange(first, last), last) / len(ranges)
-        radius = np.append(ranges[first:last], ranges[last - 1])
-        rim = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        sectors.append(_to_world(pose, np.concatenate([np.zeros((1, 2)), rim])))
+    weights, pose = recording.spatial_attention[step], recording.pose[step]
+    rims = _sector_rims(recording.beam_ends()[step], len(weights))
+    sectors = [_to_world(pose, np.concatenate([np.zeros((1, 2)), rim])) for rim in rims]
     axes.add_collection(
         PolyCollection(
             sectors,
@@ -177,15 +170,8 @@ def _draw_temporal_attention(axes: Axes, recording: Recording, step: int) -> Non
 
 
 def _draw_scan(axes: Axes, recording: Recording, step: int) -> None:
-    points = recording.points
-    if points is None:
-        ranges = recording.ranges[step]
-        angle = 2 * np.pi * np.arange(len(ranges)) / len(ranges)
-        local = ranges[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    else:
-        local = points[step]
-    returned = np.linalg.norm(local, axis=-1) < recording.max_range - 1e-3
-    world = _to_world(recording.pose[step], local[returned])
+    points, returned = (values[step] for values in recording.scan_points())
+    world = _to_world(recording.pose[step], points[returned])
     axes.plot(*world.T, ".", color=BLACK, markersize=1.8, zorder=4)
 
 
@@ -258,6 +244,29 @@ def _to_world(pose: Sequence[float], points: np.ndarray) -> np.ndarray:
     x, y, yaw = pose
     cos, sin = np.cos(yaw), np.sin(yaw)
     return points @ np.array([[cos, sin], [-sin, cos]]) + np.array([x, y])
+
+
+def _sector_rims(ends: np.ndarray, count: int) -> list[np.ndarray]:
+    """Return the outer edges ``[n, 2]`` of equal sectors around the robot, from straight ahead on.
+
+    Args:
+        ends: ``[beams, 2]`` m, robot frame.
+        count: Number of sectors.
+    """
+    bearing = np.arctan2(ends[:, 1], ends[:, 0])
+    beam = np.mod(bearing * len(ends) / (2 * np.pi) + 0.5, len(ends))  # 0.5: beam 0 is in sector 0
+    order = np.argsort(beam)
+    radius, bearing = np.linalg.norm(ends, axis=-1)[order], (beam[order] - 0.5) * 2 * np.pi
+    bearing /= len(ends)
+    edges = np.linspace(0, len(ends), count + 1).round()
+    rims = []
+    for first, last in pairwise(np.searchsorted(beam[order], edges)):
+        border = 2 * np.pi * edges[len(rims) + 1] / len(ends)
+        # The sector's last beam is drawn up to the border, so that neighbors leave no gap.
+        angle, reach = np.append(bearing[first:last], border), radius[first:last]
+        reach = np.append(reach, reach[-1:] if last > first else 0.0)
+        rims.append(reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    return rims
 
 
 def _box_corners(box: np.ndarray) -> np.ndarray:

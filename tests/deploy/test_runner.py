@@ -50,6 +50,20 @@ def test_commands_are_those_of_the_simulated_episode(experiment):
     assert np.ptp(episode.action, axis=0).max() > 1e-3
 
 
+@pytest.mark.parametrize("policy", ["paper", "liang_original", "navrl-best"])
+def test_a_map_far_from_its_origin_changes_no_command(policy):
+    runner = PolicyRunner.from_bundle(ZOO / policy)
+    shift = np.array([5e5, 5.6e6, 0.0])  # m, as UTM coordinates are
+    path = np.stack([np.linspace(0.0, 4.0, 41), np.sin(np.linspace(0.0, 4.0, 41))], axis=-1)
+    scan = 2.0 + np.sin(np.linspace(0.0, 20.0, runner.num_beams))
+    commands = []
+    for offset in (0.0 * shift, shift):
+        runner.reset()
+        poses = [np.array([0.13 * k, 0.11 * k, 0.3 * k]) for k in range(6)]
+        commands.append([runner.act(scan, pose + offset, path + offset[:2]) for pose in poses])
+    np.testing.assert_allclose(commands[1], commands[0], atol=1e-5)
+
+
 def test_the_past_counts_and_is_forgotten(runner):
     near, farther = clear(), clear()
     near[:60], farther[:60] = 1.0, 1.1

@@ -5,9 +5,11 @@ import math
 import pytest
 import torch
 
+from navrl.ops import se2
 from navrl.ops.grouping import tagd
-from navrl.ops.icp import align
+from navrl.ops.icp import IcpOptions, align
 from navrl.ops.pooling import min_pool
+from navrl.ops.projection import project_ranges
 from navrl.ops.raycast import cast_rays
 
 BACKENDS = ("numba", "torch")
@@ -49,6 +51,34 @@ def test_a_broken_point_counts_as_no_return(scans, backend, broken):
     ):  # fmt: skip
         for value, expected in zip(ours, other, strict=True):
             torch.testing.assert_close(value, expected, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_integers_give_what_their_real_numbers_give(backend):
+    """Points, poses and boxes in whole millimeters: nothing is cut off."""
+    generator = torch.Generator().manual_seed(4)
+    points = torch.randint(-2000, 2000, (2, 60, 2), generator=generator)
+    moved = points + torch.tensor([13, -7])
+    returns = torch.ones(2, 60, dtype=torch.bool)
+    options = IcpOptions(gate=300.0, translation_tolerance=0.1, min_pairs=10)
+    for ours, other in (
+        (align(points, returns, moved, returns, options, backend),
+         align(points.float(), returns, moved.float(), returns, options, backend)),
+        (tagd(points, returns, moved, returns, 8, 250.0, 3500.0, backend=backend),
+         tagd(points.float(), returns, moved.float(), returns, 8, 250.0, 3500.0, backend=backend)),
+    ):  # fmt: skip
+        for value, expected in zip(ours, other, strict=True):
+            assert torch.equal(value, expected)
+    pose, boxes = torch.tensor([[10, -20, 1]]), torch.tensor([[[900, 0, 101, 50, 1]]])
+    ray = {"num_beams": 45, "max_range": 3500.0, "backend": backend}
+    assert torch.equal(cast_rays(pose, boxes, **ray), cast_rays(pose.float(), boxes.float(), **ray))
+    assert torch.equal(cast_rays(pose.float(), boxes, **ray), cast_rays(pose, boxes.float(), **ray))
+    transform = torch.tensor([[3, 4, 1], [0, 0, 2]])
+    turned = se2.transform_points(transform, points)
+    torch.testing.assert_close(turned, se2.transform_points(transform.float(), points.float()))
+    fill = torch.full((2, 60), 3500)
+    projected = project_ranges(points, fill, 1, 3500.0)
+    assert torch.equal(projected, project_ranges(points.float(), fill.float(), 1, 3500.0))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

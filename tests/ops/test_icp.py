@@ -256,6 +256,38 @@ def test_rotation_search_finds_a_turn_on_the_spot(turn_deg):
     torch.testing.assert_close(yaw, torch.full((20,), math.radians(turn_deg)))
 
 
+@pytest.mark.parametrize("turn_deg", [-36, -14, 8, 36])
+@pytest.mark.parametrize("field_of_view_deg", [270, 180, 90])
+def test_rotation_search_ignores_blind_sectors(turn_deg, field_of_view_deg):
+    """What a turn brings into a blind sector is no reason against it."""
+    scan = sample_scan_pairs(40, seed=12, num_pedestrians=0).source
+    shift = turn_deg // 2
+    bearing = (torch.arange(180) + 0.5) * (2 * math.pi / 180)
+    seen = (bearing.cos() > math.cos(math.radians(field_of_view_deg / 2))).expand(40, -1)
+    points = se2.rotate(scan.points, torch.tensor(math.radians(turn_deg)))
+    turned = (points.roll(shift, 1), scan.returns.roll(shift, 1) & seen)
+    scans = (scan.points, scan.returns & seen, *turned)
+    options = IcpOptions(initialization="rotation_search", gate=0.02, min_pairs=2)
+    found = {
+        "alone": rotation_search(*scans, seen=seen),
+        "aligned": align(*scans, options, seen=seen).transform[:, 2],
+        "blind taken for free": rotation_search(*scans),
+    }
+    share = {
+        name: (yaw - math.radians(turn_deg)).abs().lt(2e-3).float().mean().item()
+        for name, yaw in found.items()
+    }
+    assert share["alone"] > 0.9 and share["aligned"] > 0.9  # a bare wall fits in several ways
+    assert share["alone"] >= share["blind taken for free"]
+
+
+def test_bearings_seen_must_fit_the_scan():
+    scan = sample_scan_pairs(2, seed=12).source
+    scans = (scan.points, scan.returns, scan.points, scan.returns)
+    with pytest.raises(ValueError, match=r"seen must be bool of shape \(2, 180\)"):
+        align(*scans, seen=torch.ones(180, dtype=torch.bool))
+
+
 def test_rotation_search_of_empty_scans_is_zero():
     points, returns = torch.zeros(3, 30, 2), torch.zeros(3, 30, dtype=torch.bool)
     assert (rotation_search(points, returns, points, returns) == 0).all()

@@ -101,7 +101,25 @@ def test_equally_good_rotations_are_chosen_as_in_torch():
     seen, twice = (torch.from_numpy(part[2] > 0) for part in rows)
     yaw = rotation_search(source, seen, target, twice)
     assert yaw == pytest.approx(-3 * 2 * math.pi / 180)
-    assert search_rotation(*rows, 0.7) == pytest.approx(yaw.item())
+    everywhere = np.ones(180, dtype=bool)
+    assert search_rotation(*rows, everywhere, False, 0.7) == pytest.approx(yaw.item())
+
+
+def test_rotations_of_partial_scans_are_compared_as_in_torch():
+    scans = scan_pairs(seed=3)
+    seen = torch.cos(torch.arange(180) * (2 * math.pi / 180)) > 0.2  # ahead
+    scans[1] &= seen
+    scans[3] &= seen
+    covered = seen.expand_as(scans[1])
+    expected = rotation_search(*(scan.double() if scan.ndim == 3 else scan for scan in scans),
+                               seen=covered)  # fmt: skip
+    for row, yaw in enumerate(expected):
+        rows = [
+            np.concatenate([points[row].double().T.numpy(), returns[row, None].numpy()])
+            for points, returns in (scans[:2], scans[2:])
+        ]
+        found = search_rotation(*rows, seen.numpy(), True, 0.7)
+        assert found == pytest.approx(yaw.item(), abs=1e-6)
 
 
 @pytest.mark.parametrize("broken", [math.nan, math.inf, 0.0])

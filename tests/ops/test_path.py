@@ -4,10 +4,10 @@ import math
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from navrl.ops.path import path_length, point_at, project_onto_path
+from navrl.ops.path import LEAVING_RATIO, path_length, point_at, project_onto_path
 
 BACKENDS = ["torch", "numba"]
 backends = st.sampled_from(BACKENDS)
@@ -49,8 +49,12 @@ def test_window_is_kept_and_searched(seed, fraction, ahead, behind, backend):
     start = torch.minimum(previous, total)
     low, high = (start - behind).clamp(min=0), torch.minimum(start + ahead, total)
     assert low - 1e-9 <= progress <= high + 1e-9
-    dense = point_at(path, torch.linspace(low.item(), high.item(), 3000, dtype=torch.float64))
-    nearest = (dense - position).norm(dim=-1).min()
+    arcs = torch.linspace(low.item(), high.item(), 3000, dtype=torch.float64)
+    dense = (point_at(path, arcs) - position).norm(dim=-1)
+    ratio = dense / torch.where(arcs >= start, dense, math.inf).cummin(-1).values
+    assume(not ((ratio - LEAVING_RATIO).abs() < 0.02).any())  # the samples decide it otherwise
+    left = (ratio > LEAVING_RATIO).cumsum(-1) > 0  # from there on the path is another branch
+    nearest = dense[~left].min()
     assert distance <= nearest + 1e-9
     assert distance > nearest - 5e-3
 
@@ -87,6 +91,76 @@ def test_does_not_jump_where_the_path_crosses_itself(backend):
     kept = project_onto_path(path, aside, total / 2 - 0.2, backend=backend).progress
     assert (kept - total / 2).abs() < 0.1
     assert project_onto_path(path, aside).progress < 0.1  # without the window it does jump
+
+
+def hairpin(width, depth=2.0):
+    """Return a U: up along y, ``width`` to the right, and down again."""
+    corners = torch.tensor([[0.0, 0.0], [0.0, depth], [width, depth], [width, 0.0]])
+    arcs = torch.linspace(0.0, 2.0 * depth + width, 150)
+    return point_at(corners, arcs)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("width", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_does_not_jump_to_the_other_leg_of_a_hairpin(backend, width, dtype):
+    """A robot beside its leg, nearer to the other one, stays on its leg until the bend."""
+    path, progress = hairpin(width).to(dtype), torch.tensor(0.0, dtype=dtype)
+    for y in torch.arange(0.0, 2.0 - 0.75 * width, 0.05):
+        position = torch.tensor([0.6 * width, y], dtype=dtype)
+        progress, _ = project_onto_path(path, position, progress, backend=backend)
+        assert abs(progress - y) < 0.02
+    for angle in torch.linspace(0.0, math.pi, 30):  # around the bend
+        center = torch.tensor([0.5 * width, 2.0 - 0.5 * width], dtype=dtype)
+        around = torch.stack([-angle.cos(), angle.sin()]).to(dtype)
+        position = center + 0.5 * width * around
+        progress, _ = project_onto_path(path, position, progress, backend=backend)
+    assert abs(progress - (2.0 + 1.5 * width)) < 0.03
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("bend", [30.0, 60.0, 90.0, 120.0])
+def test_a_cut_corner_is_got_around(backend, bend):
+    """The robot leaves the first leg 0.5 m before the corner, straight to the second."""
+    angle = math.radians(bend)
+    end = torch.tensor([1.0 + math.cos(angle), math.sin(angle)])
+    path = torch.stack([torch.zeros(2), torch.tensor([1.0, 0.0]), end])
+    begin, goal = point_at(path, torch.tensor([0.5, 1.5]))
+    progress = torch.tensor(0.5)
+    for share in torch.linspace(0.0, 1.0, 11):
+        position = torch.lerp(begin, goal, share)
+        progress, _ = project_onto_path(path, position, progress, backend=backend)
+    assert progress == pytest.approx(1.5, abs=0.01)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_large_coordinates_keep_their_digits(backend):
+    """Also if only one of the two is in float64."""
+    path, generator = random_path(3, batch=(8,))
+    position = path[:, 4] + 0.1 * torch.randn(8, 2, generator=generator, dtype=torch.float64)
+    shift = torch.tensor([5e5, 5.6e6], dtype=torch.float64)
+    before = torch.rand(8, generator=generator)
+    near = project_onto_path(path, position, before, backend=backend)
+    far = project_onto_path(path + shift, position + shift, before, backend=backend)
+    torch.testing.assert_close(far, near, atol=1e-6, rtol=0)
+    rounded = (position + shift).float()
+    mixed = project_onto_path(path + shift, rounded, before, backend=backend)
+    exact = project_onto_path(path, rounded.double() - shift, before, backend=backend)
+    torch.testing.assert_close(mixed, exact, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_integer_paths_give_fractions(backend):
+    """In millimeters."""
+    path = torch.tensor([[0, 0], [1000, 333], [2000, 1000]])
+    position = torch.tensor([501, 100])
+    ours = project_onto_path(path, position, backend=backend)
+    expected = project_onto_path(path.float(), position.float(), backend="torch")
+    torch.testing.assert_close(ours, expected)
+    arcs = torch.tensor([7, 500, 1500])
+    points = point_at(path, arcs, backend)
+    torch.testing.assert_close(points, point_at(path.float(), arcs.float(), "torch"))
+    assert points.is_floating_point() and path_length(path).is_floating_point()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from navrl.ops import se2
-from navrl.ops.pooling import bin_centres, min_pool
+from navrl.ops.pooling import min_pool
 from navrl.ops.projection import project_ranges
+from navrl.ops.scan_layout import bin_centers
 
 
 def scan(num_beams=1440, worlds=5):
@@ -30,7 +31,7 @@ def test_a_turn_by_bins_rolls_the_scan():
 
 
 def test_the_nearest_counts_and_empty_bins_are_filled():
-    centre = bin_centres(8, 1, torch.float32)
+    centre = bin_centers(8, 1, torch.float32)
     points = torch.zeros(8, 2)
     points[:, 0] = torch.tensor([3.0, 2.0, 2.5, 9.0, 3.4, 3.4, 3.4, 3.4])  # all in the first bin
     fill = torch.arange(8.0)

@@ -5,12 +5,15 @@ import math
 import pytest
 import torch
 from contract import TransformContract, assert_same, make_env
-from lidar_envs import RoomEnv, StrangersEnv
+from lidar_envs import ROOM, RoomEnv, StrangersEnv
 from tensordict import TensorDict
+from torchrl.data import Bounded, LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, GymWrapper, TransformedEnv
+from torchrl.envs.utils import check_env_specs
 
 from navrl import keys
 from navrl.ops import se2
+from navrl.ops.pooling import min_pool
 from navrl.transforms import (
     TAGD,
     GoalPosition,
@@ -68,6 +71,134 @@ class TestMinPool(TransformContract):
         assert pooled.shape == (2, 180)
         assert points.shape == (2, 180, 2)
         assert returns.all()
+
+
+FRONT = {  # the 36 beams of the RoomEnv's 48 that look ahead, clockwise
+    "angle_min": math.radians(135.0),
+    "angle_increment": -2.0 * math.pi / 48,
+}
+SEEN_KEYS = (keys.RANGES_POOLED, keys.POINTS, keys.RETURNS, keys.SEEN)
+
+
+def front_scan(*more) -> list:
+    """Pool three quarters of the circle into 20 bins, and keep the last scan."""
+    return [MinPool(None, num_points=20, out_keys=SEEN_KEYS, **FRONT), *more]
+
+
+class FrontEnv(RoomEnv):
+    """The RoomEnv with a lidar that does not look back and turns clockwise."""
+
+    def __init__(self, num_worlds: int = 4) -> None:
+        super().__init__(num_worlds)
+        spec = self.observation_spec.clone()
+        spec["ranges"] = Bounded(0.0, 3.5, (num_worlds, 37))
+        self.observation_spec = spec
+
+    def _observe(self, done):
+        beams = torch.arange(18, -19, -1) % self.num_beams
+        seen = super()._observe(done)
+        return seen.set("ranges", seen["ranges"][:, beams])
+
+
+class TestMinPoolOfPartialScans(TestMinPool):
+    def make(self, **kwargs):
+        if "out_keys" in kwargs:
+            return MinPool(None, num_points=12, **kwargs)
+        return MinPool(None, num_points=20, out_keys=SEEN_KEYS, **kwargs)
+
+
+class TestPartialScans:
+    def rollout(self, *steps):
+        env = TransformedEnv(FrontEnv(), Compose(*steps))
+        check_env_specs(env)
+        env.set_seed(0)
+        torch.manual_seed(0)
+        return env.rollout(10, break_when_any_done=False)
+
+    def test_points_lie_on_the_walls_and_nothing_behind_is_seen(self):
+        rollout = self.rollout(*front_scan(), MinPool(4, bearing="beam", out_keys=["r", "p", "h"],
+                                                      **FRONT))  # fmt: skip
+        points = se2.transform_points(rollout["pose"], rollout["p"])[rollout["h"]]
+        off = (torch.tensor(ROOM) - points.abs()).abs().amin(-1)
+        assert off.max() < 1e-4
+        seen = rollout[keys.SEEN]
+        assert seen[..., [0, 19]].all() and not seen[..., 9:11].any()
+        assert not rollout[keys.RETURNS][~seen].any()
+        assert (rollout[keys.RANGES_POOLED][~seen] == 3.5).all()
+
+    def test_alignment_and_history_take_blind_bins_for_unknown(self):
+        in_keys = [
+            keys.PREVIOUS_POINTS,
+            keys.PREVIOUS_RETURNS,
+            keys.POINTS,
+            keys.RETURNS,
+            keys.SEEN,
+        ]
+        align = ICPAlign(initialization="rotation_search", min_pairs=3, in_keys=in_keys)
+        history = RangeHistory(2, None, in_keys=[keys.POINTS, keys.ICP_TRANSFORM, keys.SEEN])
+        rollout = self.rollout(*front_scan(ScanHistory(), align, history))["next"]
+        assert rollout[keys.RANGES_HISTORY].isfinite().all()
+
+    def test_a_bin_that_was_blind_says_nothing_of_the_past(self):
+        """After a turn the sector that was behind holds a wall, which did not appear."""
+        seen = torch.arange(180) < 90  # the left half
+        points = min_pool(torch.full((180,), 2.0), 1).points
+        now = TensorDict({keys.POINTS: points, keys.SEEN: seen}, [])
+        before = now.clone()
+        before[keys.POINTS] = torch.where(seen[:, None], points, 1.75 * points)  # blind: at 3.5 m
+        now[keys.ICP_TRANSFORM] = torch.tensor([0.0, 0.0, math.radians(40.0)])  # turned right
+        history = RangeHistory(1, 1, in_keys=[keys.POINTS, keys.ICP_TRANSFORM, keys.SEEN])
+        before = history._call(before)
+        ranges = history._step(before, now)[keys.RANGES_HISTORY]
+        torch.testing.assert_close(ranges[1], ranges[0])
+        without = RangeHistory(1, 1)._step(before, now)[keys.RANGES_HISTORY]
+        assert (without[1] - without[0]).abs().max() > 1.0  # "it was free there"
+
+
+class TestStoredTransitions:
+    """Which steps of a pipeline can run in a replay buffer."""
+
+    IN_ENV = (MinPool(group_size=2), ScanHistory())
+    IN_BUFFER = (ICPAlign(), TAGD(num_groups=8), Normalize(in_keys=[keys.TAGD], out_keys=["x"]))
+
+    def buffer(self, rollout, *steps):
+        buffer = ReplayBuffer(
+            storage=LazyTensorStorage(len(rollout)), transform=Compose(*steps), batch_size=32
+        )
+        buffer.extend(rollout.set("row", torch.arange(len(rollout))))
+        return buffer
+
+    def rollout(self, *steps):
+        env = make_env(steps)
+        env.set_seed(0)
+        torch.manual_seed(0)
+        return env.rollout(20, break_when_any_done=False).reshape(-1)
+
+    def test_alignment_and_descriptors_in_the_buffer_are_bit_equal(self):
+        online = self.rollout(*self.IN_ENV, *self.IN_BUFFER)
+        made = [key for step in self.IN_BUFFER for key in step.out_keys]
+        stored = online.exclude(*made, *(("next", key) for key in made))
+        sample = self.buffer(stored, *(step.clone() for step in self.IN_BUFFER)).sample()
+        expected = online[sample["row"]]
+        for part, whole in ((sample, expected), (sample["next"], expected["next"])):
+            assert_same(part, whole, made)
+        motion = sample[keys.TAGD][..., :2] - sample[keys.TAGD][..., 2:]
+        assert motion.norm(dim=-1).mean() > 1e-3
+
+    @pytest.mark.parametrize(
+        ("steps", "message"),
+        [
+            ((MinPool(group_size=2), ScanHistory(), ICPAlign(), TAGD()),
+             r"ScanHistory needs \['points_previous', 'returns_previous'\] at the root of stored"),
+            ((Waypoints(),), r"Waypoints needs \['path_progress'\] at the root"),
+            ((MinPool(group_size=2), RangeHistory(2, 2)), "RangeHistory needs .* at the root"),
+        ],
+    )  # fmt: skip
+    def test_steps_that_read_the_past_are_refused_on_raw_transitions(self, steps, message):
+        raw = self.rollout().set(keys.ICP_TRANSFORM, torch.zeros(80, 3))
+        raw["next", keys.ICP_TRANSFORM] = torch.zeros(80, 3)
+        with pytest.raises(ValueError, match=message):
+            self.buffer(raw, *(step.clone() for step in steps)).sample()
 
 
 class TestScanHistory(TransformContract):
@@ -241,6 +372,22 @@ class TestWaypoints(TransformContract):
         torch.testing.assert_close(progress, torch.tensor([0.4]))
 
 
+@pytest.mark.parametrize("make", [Waypoints, GoalPosition])
+def test_maps_far_from_their_origin_keep_their_digits(make):
+    """The same place in UTM coordinates: float32 would know them to half a meter."""
+    generator = torch.Generator().manual_seed(1)
+    path = torch.rand(4, 20, 2, generator=generator, dtype=torch.float64).cumsum(1)
+    pose = torch.rand(4, 3, generator=generator, dtype=torch.float64)
+    shift = torch.tensor([5e5, 5.6e6, 0.0], dtype=torch.float64)
+    near = make()(TensorDict({"pose": pose, "path": path}, [4]))
+    far = make()(TensorDict({"pose": pose + shift, "path": path + shift[:2]}, [4]))
+    single = make()(TensorDict({"pose": pose.float(), "path": path.float()}, [4]))
+    for key in make().out_keys:
+        assert far[key].dtype == torch.float32
+        torch.testing.assert_close(far[key], near[key], atol=1e-5, rtol=0)
+        torch.testing.assert_close(single[key], near[key], atol=1e-5, rtol=0)
+
+
 class TestGoalPosition(TransformContract):
     def make(self, **kwargs):
         return GoalPosition(**kwargs)
@@ -389,7 +536,7 @@ class TestCompose:
         (lambda: MinPool(0), "group_size.*0"),
         (lambda: MinPool(max_range=-1.0), "max_range.*-1"),
         (lambda: MinPool(bearing="edge"), "bearing.*'edge'"),
-        (lambda: MinPool(out_keys=["points"]), "out_keys must be 3 keys"),
+        (lambda: MinPool(out_keys=["points"]), "out_keys must be 3 keys.*optionally seen"),
         (lambda: ScanHistory(in_keys=["a"], out_keys=["b", "c"]), "out_keys"),
         (lambda: RangeHistory(num_scans=0), "num_scans=0"),
         (lambda: RangeHistory(max_range=0.0), "max_range=0.0"),

@@ -206,12 +206,13 @@ def iterate(
 
 @kernel
 def align_kernel(
-    rows, source, source_returns, target, target_returns, use_search, use_lines, limits,
-    max_iterations, min_pairs, motion, converged, inliers, rmse, iterations,
+    rows, source, source_returns, target, target_returns, seen, is_partial, use_search, use_lines,
+    limits, max_iterations, min_pairs, motion, converged, inliers, rmse, iterations,
 ):  # fmt: skip
     """Align scan n of ``source`` [S, N, 2] with scan n of ``target`` [S, M, 2].
 
-    ``limits`` is (gate, robust scale, rotation tolerance, translation tolerance, search range).
+    ``seen`` [S, N] is read if ``is_partial``; ``limits`` is (gate, robust scale, rotation
+    tolerance, translation tolerance, search range).
     """
     num_source, num_target = source.shape[1], target.shape[1]
     for n in range(rows[0], rows[1]):
@@ -226,7 +227,8 @@ def align_kernel(
         is_windowed = num_source == num_target and is_ordered(target[n])
         motion[n] = 0.0
         if use_search:
-            motion[n, 2] = search_rotation(source_rows, target_rows[:, :num_target], limits[4])
+            once = target_rows[:, :num_target]
+            motion[n, 2] = search_rotation(source_rows, once, seen[n], is_partial, limits[4])
         spent = 0
         for stage in range(2 if use_lines else 1):
             if stage == 1:
@@ -247,6 +249,7 @@ def align_scans(
     source_returns: Tensor,
     target: Tensor,
     target_returns: Tensor,
+    seen: Tensor | None,
     options: IcpOptions,
 ) -> tuple[Tensor, ...]:
     """Kernel behind :func:`navrl.ops.icp.align`: scans [S, N, 2] in, an Alignment's parts out."""
@@ -264,6 +267,8 @@ def align_scans(
     )
     align_kernel(
         *(scan.contiguous() for scan in (source, source_returns, target, target_returns)),
+        (source_returns if seen is None else seen).contiguous(),
+        seen is not None,
         options.initialization == "rotation_search",
         options.metric == "point_to_line",
         limits,

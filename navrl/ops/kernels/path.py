@@ -3,6 +3,9 @@
 import math
 
 from navrl.ops.kernels.compiler import kernel, scalar
+from navrl.ops.path import LEAVING_RATIO
+
+_LEAVING_SQUARED = LEAVING_RATIO**2
 
 
 @scalar
@@ -18,6 +21,7 @@ def project(path, position, previous, ahead, behind):
     lowest = -math.inf if is_anywhere else last - behind
     highest = math.inf if is_anywhere else last + ahead
     best, best_arc, arc = math.inf, 0.0, 0.0
+    nearest_ahead = math.inf
     for k in range(path.shape[0] - 1):
         dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
         length = math.sqrt(dx * dx + dy * dy)
@@ -32,6 +36,12 @@ def project(path, position, previous, ahead, behind):
             squared = ex * ex + ey * ey
             if squared < best:
                 best, best_arc = squared, arc + along
+            if not is_anywhere and arc + length >= last:
+                nearest_ahead = min(nearest_ahead, squared)
+                share = high / max(length, 1e-9)
+                ex, ey = ox - share * dx, oy - share * dy
+                if ex * ex + ey * ey > _LEAVING_SQUARED * nearest_ahead:
+                    break  # what comes after is another branch
         arc += length
         if arc > highest:
             break

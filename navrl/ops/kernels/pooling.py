@@ -1,13 +1,11 @@
 """Min-pooling: :func:`navrl.ops.pooling.min_pool` in one pass over the beams."""
 
-import functools
-
 import numpy as np
 import torch
 from torch import Tensor
 
 from navrl.ops.kernels.compiler import kernel, scalar
-from navrl.ops.pooling import RETURN_MARGIN_M, Bearing, beam_offsets, bin_centres
+from navrl.ops.pooling import RETURN_MARGIN_M, Bearing
 
 
 @scalar
@@ -56,32 +54,18 @@ def min_pool_kernel(
             )  # fmt: skip
 
 
-@functools.lru_cache(maxsize=16)
-def _directions(
-    num_beams: int, group_size: int, bearing: Bearing, dtype: torch.dtype, device: torch.device
-) -> Tensor:
-    """Return the directions [bins (+ beams), 2] that :func:`min_pool_kernel` reads."""
-    angle = bin_centres(num_beams, group_size, dtype)
-    if bearing == "beam":
-        beam = torch.arange(num_beams)
-        offset = beam_offsets(beam % group_size, num_beams, group_size, dtype)
-        angle = torch.cat((angle, angle[beam // group_size] + offset))
-    return torch.stack((angle.cos(), angle.sin()), dim=-1).to(device)
-
-
 def pool(
-    ranges: Tensor, group_size: int, max_range: float, bearing: Bearing
+    ranges: Tensor, num_bins: int, directions: Tensor, max_range: float, bearing: Bearing
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Kernel behind :func:`navrl.ops.pooling.min_pool`: scans [S, beams] in."""
-    num_scans, num_beams = ranges.shape
-    num_bins = num_beams // group_size
+    """Kernel behind :func:`navrl.ops.pooling.min_pool`: scans [S, beams] in, bin by bin."""
+    num_scans = ranges.shape[0]
     nearest = ranges.new_empty(num_scans, num_bins)
     points = ranges.new_empty(num_scans, num_bins, 2)
     returns = ranges.new_empty(num_scans, num_bins, dtype=torch.bool)
     real = np.float32 if ranges.dtype == torch.float32 else np.float64
     min_pool_kernel(
         ranges.contiguous(),
-        _directions(num_beams, group_size, bearing, ranges.dtype, ranges.device),
+        directions,
         bearing == "beam",
         real(max_range - RETURN_MARGIN_M),
         real(max_range),

@@ -10,6 +10,7 @@ from navrl.ops.rotation_search import PROFILE_CAP_M
 
 _CAP = np.float32(PROFILE_CAP_M)
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+_NOT_SEEN = np.float32(-1.0)  # in a range profile
 _TURN = 2.0 * math.pi
 
 
@@ -45,6 +46,26 @@ def profile_cost_seen(source, target):
     return total / np.float32(source.shape[0])
 
 
+@reordering_scalar
+def profile_cost_covered(source, target):
+    """Return :func:`profile_cost` over the beams that were seen in both profiles."""
+    total, seen = _ZERO, _ZERO
+    for index in range(source.shape[0]):
+        covered = _ONE if (source[index] >= _ZERO) & (target[index] >= _ZERO) else _ZERO
+        difference = abs(source[index] - target[index])
+        total += covered * (difference if difference < _CAP else _CAP)
+        seen += covered if (source[index] < FAR) | (target[index] < FAR) else _ZERO
+    return total / (seen if seen > _ONE else _ONE)
+
+
+@scalar
+def hide_unseen(seen, profile):
+    """Mark the bearings that the scanner does not cover, in each round of ``profile``."""
+    for column in range(profile.shape[0]):
+        if not seen[column % seen.shape[0]]:
+            profile[column] = _NOT_SEEN
+
+
 @scalar
 def has_no_miss(profile):
     """Whether all beams have a return."""
@@ -61,20 +82,28 @@ def largest_shift(search_range, count):
 
 
 @scalar
-def search_rotation(source, target, search_range):
-    """Return the yaw at which the range profiles of two scans [3, N] agree best."""
+def search_rotation(source, target, seen, is_partial, search_range):
+    """Return the yaw at which the range profiles of two scans [3, N] agree best.
+
+    If ``is_partial``, only bearings that are ``seen`` [N] are compared.
+    """
     count = source.shape[1]
     source_profile = np.empty(count, dtype=np.float32)
     profile = np.empty(3 * count, dtype=np.float32)
     write_profile(source, source_profile)
     write_profile(target, profile)
+    if is_partial:
+        hide_unseen(seen, source_profile)
+        hide_unseen(seen, profile)
     max_shift = largest_shift(search_range, count)
     costs = np.empty(2 * max_shift + 1, dtype=np.float32)
     all_seen = has_no_miss(source_profile) or has_no_miss(profile[:count])
     for column in range(costs.shape[0]):
         start = count - max_shift + column
         turned = profile[start : start + count]
-        if all_seen:  # the count of what is seen takes a third of the time
+        if is_partial:
+            costs[column] = profile_cost_covered(source_profile, turned)
+        elif all_seen:  # the count of what is seen takes a third of the time
             costs[column] = profile_cost_seen(source_profile, turned)
         else:
             costs[column] = profile_cost(source_profile, turned)

@@ -92,12 +92,8 @@ def _tagd(recording: Recording) -> list[dict[str, Any]] | None:
 
 def _scan_points(recording: Recording) -> np.ndarray:
     """Return ``[T + 1, N, 2]`` m, robot frame: the pooled scan, or each 8th beam without one."""
-    if recording.points is not None:
-        return recording.points
-    stride = max(1, recording.ranges.shape[1] // 180)
-    ranges = recording.ranges[:, ::stride]
-    angle = 2 * np.pi * np.arange(0, recording.ranges.shape[1], stride) / recording.ranges.shape[1]
-    return ranges[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points, _ = recording.scan_points()
+    return points if recording.points is not None else points[:, :: max(1, points.shape[1] // 180)]
 
 
 def _people(boxes: np.ndarray) -> list[list[list[float]]]:

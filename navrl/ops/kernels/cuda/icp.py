@@ -36,8 +36,10 @@ from navrl.ops.kernels.nearest import (
 )
 from navrl.ops.kernels.rotation_search import (
     best_shift,
+    hide_unseen,
     largest_shift,
     profile_cost,
+    profile_cost_covered,
     write_profile,
 )
 from navrl.ops.lines import HALF_WINDOW
@@ -60,19 +62,26 @@ def align_kernel(source: Tensor, source_returns: Tensor, target: Tensor, *others
 
 
 @cuda.jit(device=True)
-def search_own_shift(source, target, search_range, profiles, own):
+def search_own_shift(source, target, seen, is_partial, search_range, profiles, own):
     """The CPU's ``search_rotation``; ``profiles`` is scratch [3, 3 M]."""
     count = source.shape[1]
     first, stop = own
     source_profile, profile, costs = profiles[0, :count], profiles[1], profiles[2]
     write_profile(source[:, first:stop], source_profile[first:stop])
     write_profile(target[:, first:stop], profile[first:stop])
+    if is_partial and first < stop:
+        hide_unseen(seen[first:stop], source_profile[first:stop])
+        hide_unseen(seen[first:stop], profile[first:stop])
     repeat_columns(profiles[1:2], count, first, stop)
     cuda.syncthreads()
     max_shift = largest_shift(search_range, count)
     for column in range(cuda.threadIdx.x, 2 * max_shift + 1, cuda.blockDim.x):
         start = count - max_shift + column
-        costs[column] = profile_cost(source_profile, profile[start : start + count])
+        turned = profile[start : start + count]
+        if is_partial:
+            costs[column] = profile_cost_covered(source_profile, turned)
+        else:
+            costs[column] = profile_cost(source_profile, turned)
     cuda.syncthreads()
     return best_shift(costs[: 2 * max_shift + 1]) * (_TURN / count)
 
@@ -190,8 +199,9 @@ def fit_own_lines(rows, padded, sums, lines):
 
 @block_per_row(THREADS)
 def align_scans_kernel(
-    reals, singles, whole, source, source_returns, target, target_returns, use_search, use_lines,
-    limits, max_iterations, min_pairs, motion, converged, inliers, rmse, iterations,
+    reals, singles, whole, source, source_returns, target, target_returns, seen, is_partial,
+    use_search, use_lines, limits, max_iterations, min_pairs, motion, converged, inliers, rmse,
+    iterations,
 ):  # fmt: skip
     """Take the pairs of scans by turns; the first three are scratch, [blocks, rows, columns]."""
     block, num_source, num_target = cuda.blockIdx.x, source.shape[1], target.shape[1]
@@ -212,7 +222,9 @@ def align_scans_kernel(
         guess[0], guess[1], guess[2] = 0.0, 0.0, 0.0
         if use_search:
             once = target_rows[:, :num_target]
-            guess[2] = search_own_shift(source_rows, once, limits[4], profiles, (first, stop))
+            guess[2] = search_own_shift(
+                source_rows, once, seen[n], is_partial, limits[4], profiles, (first, stop)
+            )
         spent, number = 0, 0.0
         for stage in range(2 if use_lines else 1):
             if stage == 1:

@@ -1,0 +1,177 @@
+"""Bearings of a scan's beams in the robot frame, and the bins of bearings that they fall into."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+TURN = 2.0 * math.pi
+# Share of a beam by which drivers' rounded angles may miss a whole number of beams a revolution.
+_ROUNDING = 0.01
+
+
+@dataclass(frozen=True)
+class ScanLayout:
+    """Beams of a planar scan and the bins around the robot that they are pooled into.
+
+    Beam j points at ``angle_min + j * angle_increment`` in the scanner's frame. The bins divide the
+    full circle around the robot evenly, whatever the scanner sees of it; bin 0 begins half a beam
+    to the right of straight ahead and bins are counted counter-clockwise.
+
+    Args:
+        num_beams: Beams of a scan.
+        group_size: Beams in a bin, which must divide the beams of a revolution; None with
+            ``num_points``.
+        num_points: Bins N, of any number; None follows from ``group_size``.
+        angle_min: Bearing of beam 0 in the scanner's frame, rad.
+        angle_increment: From one beam to the next, rad, negative if they are counted clockwise;
+            None spreads the beams evenly over a full circle, counter-clockwise.
+        mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
+
+    Raises:
+        ValueError: If an argument is not as above, naming it.
+    """
+
+    num_beams: int
+    group_size: int | None = 8
+    num_points: int | None = None
+    angle_min: float = 0.0
+    angle_increment: float | None = None
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_layout(
+            self.group_size, self.num_points, self.angle_min, self.angle_increment, self.mount
+        )
+        if self.num_beams < 1:
+            raise ValueError(f"num_beams={self.num_beams}: must be at least 1")
+        covered = (self.num_beams - 1) * abs(self.increment)
+        if covered > TURN * (1.0 + 1e-5):
+            raise ValueError(
+                f"angle_increment={self.angle_increment}: must be within one revolution, got "
+                f"{covered:.3f} rad from the first to the last of {self.num_beams} beams"
+            )
+        if self.group_size is not None:
+            self._check_groups()
+
+    def _check_groups(self) -> None:
+        whole = round(self.revolution)
+        if abs(self.revolution - whole) > _ROUNDING or whole % self.group_size:
+            raise ValueError(
+                f"group_size={self.group_size}: must divide the beams of a revolution: "
+                f"{self.revolution:.6g} beams, group_size {self.group_size}; group_size=None with "
+                "num_points=N makes N bins of any number of beams"
+            )
+        made = whole // self.group_size
+        if self.num_points not in (None, made):
+            raise ValueError(
+                f"num_points={self.num_points}: group_size={self.group_size} makes {made} of "
+                f"{whole} beams; it needs a lidar of {self.num_points * self.group_size} beams, or "
+                "group_size=None"
+            )
+
+    @property
+    def increment(self) -> float:
+        """Angle from one beam to the next, rad."""
+        return TURN / self.num_beams if self.angle_increment is None else self.angle_increment
+
+    @property
+    def revolution(self) -> float:
+        """Beams that a full circle would hold."""
+        return TURN / abs(self.increment)
+
+    @property
+    def num_bins(self) -> int:
+        """Number of bins N."""
+        if self.group_size is None:
+            return self.num_points
+        return round(self.revolution) // self.group_size
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether neighboring beams fill the bins in order, as in the simulated scans."""
+        full = self.group_size is not None and self.num_beams == self.num_bins * self.group_size
+        return full and (*self.mount, self.angle_min) == (0.0,) * 4 and self.increment > 0.0
+
+    def beam_bearings(self) -> Tensor:
+        """Return the direction of each beam in the robot frame, ``[num_beams]`` float64 rad."""
+        beam = torch.arange(self.num_beams, dtype=torch.float64)
+        return self.mount[2] + self.angle_min + beam * self.increment
+
+    def bin_of(self, bearings: Tensor) -> Tensor:
+        """Return the bin, int64, of each bearing in the robot frame, rad, of any shape."""
+        half_beam = 0.5 * abs(self.increment)
+        index = torch.floor((bearings + half_beam) * (self.num_bins / TURN)).long()
+        return index.remainder(self.num_bins)
+
+    def bin_centers(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> Tensor:
+        """Return the bearing of each bin's center, ``[N]`` rad."""
+        if self.group_size is not None:
+            return bin_centers(self.num_bins * self.group_size, self.group_size, dtype, device)
+        centers = (torch.arange(self.num_bins, dtype=torch.float64) + 0.5) * (TURN / self.num_bins)
+        return (centers - 0.5 * abs(self.increment)).to(device, dtype)
+
+    def beams_by_bin(self) -> Tensor:
+        """Return the beams of each bin, ``[N, M]`` int64 ascending, filled up by ``num_beams``."""
+        return _beams_by_bin(self)
+
+    def seen(self) -> Tensor:
+        """Return the bins that a beam points into at all, ``[N]`` bool.
+
+        For a scanner beside the robot's center they are those of its farthest readings' bearings.
+        """
+        return (self.beams_by_bin() < self.num_beams).any(-1)
+
+
+def check_layout(
+    group_size: int | None,
+    num_points: int | None,
+    angle_min: float,
+    angle_increment: float | None,
+    mount: Sequence[float],
+) -> None:
+    """Raise a ValueError that names the argument of :class:`ScanLayout` which is out of range."""
+    if group_size is None and num_points is None:
+        raise ValueError("group_size=None: must be a number of beams unless num_points is given")
+    for name, count in (("group_size", group_size), ("num_points", num_points)):
+        if count is not None and count < 1:
+            raise ValueError(f"{name}={count}: must be at least 1")
+    if not math.isfinite(angle_min):
+        raise ValueError(f"angle_min={angle_min}: must be finite (rad)")
+    if angle_increment is not None and not (angle_increment and math.isfinite(angle_increment)):
+        raise ValueError(f"angle_increment={angle_increment}: must be finite and not 0 (rad)")
+    if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
+        raise ValueError(f"mount={list(mount)}: must be three finite numbers (x, y, yaw)")
+
+
+@functools.lru_cache(maxsize=64)
+def scan_layout(*arguments: object) -> ScanLayout:
+    """Return a :class:`ScanLayout` of these arguments, checked once."""
+    return ScanLayout(*arguments)
+
+
+@functools.lru_cache(maxsize=16)
+def _beams_by_bin(layout: ScanLayout) -> Tensor:
+    index = layout.bin_of(layout.beam_bearings())
+    count = torch.bincount(index, minlength=layout.num_bins)
+    order = torch.argsort(index, stable=True)
+    first = (count.cumsum(0) - count)[index[order]]
+    table = torch.full((layout.num_bins, int(count.max())), layout.num_beams)
+    table[index[order], torch.arange(layout.num_beams) - first] = order
+    return table
+
+
+def bin_centers(
+    num_beams: int,
+    group_size: int,
+    dtype: torch.dtype,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """Return the center of each bin of ``group_size`` of evenly spread beams, ``[N]`` rad."""
+    first_beam = torch.arange(0, num_beams, group_size, device=device, dtype=dtype)
+    return (first_beam + 0.5 * (group_size - 1)) * (TURN / num_beams)
