@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from navrl.evaluation import evaluate
 from navrl.evaluation.metrics import controller_latency
 from navrl.evaluation.stored import LATENCY, read_latency
 from navrl.files import write_json
+from navrl.untrusted import DamagedFileError
 from navrl.worlds import ScenarioBatch
 
 _SENSED = (keys.RANGES, keys.POSE, keys.PATH)
@@ -49,7 +50,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     count, file = min(cfg.get("latency", 0), cfg.suite.num_episodes), folder / LATENCY
     if count == 0:
         return None
-    known = read_latency(folder) or {}
+    known = _measured(folder)
     if known.get("episodes") == count:
         return known
     scenarios = instantiate(cfg.suite).scenarios(range(count))
@@ -65,6 +66,14 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     found = {**controller_latency(clock.decisions), "episodes": count}
     write_json(file, found, indent=2)
     return found
+
+
+def _measured(folder: Path) -> Mapping[str, float]:
+    """Return what was measured before; nothing of a file that is missing or damaged."""
+    try:
+        return read_latency(folder) or {}
+    except DamagedFileError:
+        return {}
 
 
 class _Clock:
