@@ -1,4 +1,4 @@
-"""Other simulators with a lidar, where they are installed: ``pip install navrl[benchmark-peers]``.
+"""Other simulators with a lidar, where the extra ``benchmark-peers`` is installed.
 
 One robot stands between four walls while ten obstacles move; a unit is one move of everything and
 one scan. Each is driven through its own public interface.
@@ -22,6 +22,7 @@ from navrl.benchmarks.measurement import Budget, Task, alternate
 from navrl.benchmarks.results import Bar, Row
 from navrl.benchmarks.scanning import NUM_BEAMS, MakeSimulator, drive_task
 from navrl.benchmarks.scenes import ROOM_HALF_SIZE, WALK_SPEED, WALKER, clutter, walkers
+from navrl.extras import install_hint
 
 NUM_OBSTACLES = 10
 _TIME_STEP_S, _ROBOT_RADIUS, _MAX_RANGE = 0.2, 0.178, 3.5
@@ -42,7 +43,7 @@ def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row 
     """
     found = {name: start for name, start in PEERS.items() if find_spec(_MODULES[name])}
     missing: list[Row | str] = [
-        f"{name}: not installed (pip install 'navrl[benchmark-peers]')"
+        f"{name}: not installed ({install_hint('benchmark-peers')})"
         for name in PEERS
         if name not in found
     ]
