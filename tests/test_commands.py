@@ -61,6 +61,9 @@ OTHERS = {
     "python -m pytest",
     "mkdocs build --strict",  # tests/test_docs.py
     "pytest tests/sim/test_parity.py --run-slow",
+    "export RAY_AUTH_MODE=token",
+    "ray get-auth-token --generate '>' /dev/null",
+    "scp -p '~/.ray/auth_token' '<other>:.ray/auth_token'",
     "ray start --head --port=6379",
     "ray start '--address=<head>:6379'",
     "sbatch --cpus-per-task=8",
