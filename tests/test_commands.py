@@ -56,6 +56,13 @@ NEEDS = {
 }
 # Run by CI itself, or no command of ours: exactly these.
 OTHERS = {
+    "python -m build",  # docs/releasing.md: tests/test_packaging.py builds and lists the wheel
+    "python -m zipfile",
+    "python -m pytest --run-slow",
+    "python3 -m venv smoke",
+    "bin/",
+    "git tag",
+    "git push",
     "python3 -m venv .venv",  # CI's own first step, and its test command
     "ruff format navrl tests",  # tests/test_style.py
     "python -m pytest",
