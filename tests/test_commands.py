@@ -56,11 +56,21 @@ NEEDS = {
 }
 # Run by CI itself, or no command of ours: exactly these.
 OTHERS = {
+    "python -m build",  # docs/releasing.md: tests/test_packaging.py builds and lists the wheel
+    "python -m zipfile",
+    "python -m pytest --run-slow",
+    "python3 -m venv smoke",
+    "bin/",
+    "git tag",
+    "git push",
     "python3 -m venv .venv",  # CI's own first step, and its test command
     "ruff format navrl tests",  # tests/test_style.py
     "python -m pytest",
     "mkdocs build --strict",  # tests/test_docs.py
     "pytest tests/sim/test_parity.py --run-slow",
+    "export RAY_AUTH_MODE=token",
+    "ray get-auth-token --generate '>' /dev/null",
+    "scp -p '~/.ray/auth_token' '<other>:.ray/auth_token'",
     "ray start --head --port=6379",
     "ray start '--address=<head>:6379'",
     "sbatch --cpus-per-task=8",

@@ -30,7 +30,7 @@ TINY = [
 
 def need(launcher):
     plugin = f"hydra_plugins.hydra_{PLUGIN[launcher]}_launcher"
-    pytest.importorskip(plugin, reason="needs the plugin: pip install 'navrl[launchers]'")
+    pytest.importorskip(plugin, reason="needs the extra launchers")
 
 
 def compose(overrides):

@@ -42,6 +42,18 @@ def test_wheel_and_sdist_carry_all_of_conf(built):
     assert {"README.md", "LICENSE", ".ci/run", "tests/test_packaging.py"} <= names
 
 
+def test_wheel_and_sdist_carry_every_module_and_the_type_marker(built):
+    wheel, sdist = built
+    modules = {str(path.relative_to(ROOT)) for path in (ROOT / "navrl").rglob("*.py")}
+    with zipfile.ZipFile(wheel) as archive:
+        assert modules | {"navrl/py.typed"} <= set(archive.namelist())
+    tests = {str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("*.py")}
+    with tarfile.open(sdist) as archive:
+        names = {n.split("/", 1)[1] for n in archive.getnames() if "/" in n}
+    project = {"constraints.txt", ".pre-commit-config.yaml", ".github/workflows/tests.yml"}
+    assert modules | tests | project | {"navrl/py.typed"} <= names
+
+
 def test_the_wheels_command_finds_conf_from_elsewhere(built, tmp_path):
     """Unpacked alone, away from the clone: what is found can only come from the wheel."""
     with zipfile.ZipFile(built[0]) as archive:

@@ -34,7 +34,9 @@ class BoundDDPGLoss(DDPGLoss):
         loss_function: As TorchRL's.
     """
 
-    def __init__(self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str):
+    def __init__(
+        self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
+    ) -> None:
         super().__init__(
             actor, critic, loss_function=loss_function, delay_actor=True, delay_value=True
         )

@@ -41,10 +41,12 @@ class Task:
     Args:
         work: Does some work and returns how many units of it.
         num_threads: Threads that torch and the compiled kernels may use meanwhile.
+        prepare: Called before each ``work``; its time is not measured. ``None``: nothing is.
     """
 
     work: Callable[[], int]
     num_threads: int = 1
+    prepare: Callable[[], None] | None = None
 
 
 def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray]:
@@ -64,25 +66,43 @@ def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray
     rates: dict[str, list[float]] = {name: [] for name in tasks}
     for task in tasks.values():
         with threads(task.num_threads):
-            task.work()
+            _run(task)
     order = list(tasks.items())
     with frozen_objects():
         for _ in range(budget.repeats):
             for name, task in order:
                 with threads(task.num_threads):
-                    rates[name].append(_rate(task.work, budget.seconds))
+                    rates[name].append(_rate(task, budget.seconds))
             order.reverse()
     return {name: np.array(values) for name, values in rates.items()}
 
 
-def _rate(work: Callable[[], int], seconds: float) -> float:
+def _rate(task: Task, seconds: float) -> float:
+    """Return units per second of at least ``seconds`` of work."""
+    units, elapsed = 0, 0.0
+    if task.prepare is not None:
+        while elapsed < seconds:
+            done, took = _run(task)
+            units, elapsed = units + done, elapsed + took
+        return units / elapsed
     _wait_for_gpu()
-    units, elapsed, start = 0, 0.0, time.perf_counter()
-    while elapsed < seconds:
-        units += work()
+    start = time.perf_counter()
+    while elapsed < seconds:  # a GPU may be busy with one call while the next is prepared
+        units += task.work()
         elapsed = time.perf_counter() - start
     _wait_for_gpu()
     return units / (time.perf_counter() - start)
+
+
+def _run(task: Task) -> tuple[int, float]:
+    """Prepare, then work once; return the units and the seconds of the work alone."""
+    if task.prepare is not None:
+        task.prepare()
+    _wait_for_gpu()
+    start = time.perf_counter()
+    units = task.work()
+    _wait_for_gpu()
+    return units, time.perf_counter() - start
 
 
 def _wait_for_gpu() -> None:

@@ -1,4 +1,4 @@
-"""Other simulators with a lidar, where they are installed: ``pip install navrl[benchmark-peers]``.
+"""Other simulators with a lidar, where the extra ``benchmark-peers`` is installed.
 
 One robot stands between four walls while ten obstacles move; a unit is one move of everything and
 one scan. Each is driven through its own public interface.
@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,6 +22,7 @@ from navrl.benchmarks.measurement import Budget, Task, alternate
 from navrl.benchmarks.results import Bar, Row
 from navrl.benchmarks.scanning import NUM_BEAMS, MakeSimulator, drive_task
 from navrl.benchmarks.scenes import ROOM_HALF_SIZE, WALK_SPEED, WALKER, clutter, walkers
+from navrl.extras import install_hint
 
 NUM_OBSTACLES = 10
 _TIME_STEP_S, _ROBOT_RADIUS, _MAX_RANGE = 0.2, 0.178, 3.5
@@ -41,7 +43,7 @@ def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row 
     """
     found = {name: start for name, start in PEERS.items() if find_spec(_MODULES[name])}
     missing: list[Row | str] = [
-        f"{name}: not installed (pip install 'navrl[benchmark-peers]')"
+        f"{name}: not installed ({install_hint('benchmark-peers')})"
         for name in PEERS
         if name not in found
     ]
@@ -64,74 +66,88 @@ def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row 
     return rows + missing
 
 
-def start_navground() -> Callable[[], int]:
-    """Return what moves navground's world and reads one scan in it."""
-    from navground import core, sim
+class Navground:
+    """Navground's world with a lidar; a call moves everything once and scans."""
 
-    world = sim.World()
-    lidar = sim.state_estimations.LidarStateEstimation(
-        range=_MAX_RANGE,
-        start_angle=0.0,
-        field_of_view=2 * math.pi * (NUM_BEAMS - 1) / NUM_BEAMS,
-        resolution=NUM_BEAMS,
-    )
+    def __init__(self) -> None:
+        from navground import core, sim
 
-    def agent(radius: float, speed: float, task: sim.Task | None) -> sim.Agent:
-        drive = core.kinematics.OmnidirectionalKinematics(max(speed, 0.01), 1.0)
-        new = sim.Agent(
-            radius=radius, kinematics=drive, behavior=core.behaviors.DummyBehavior(), task=task
+        self.world = sim.World()
+        self.lidar = sim.state_estimations.LidarStateEstimation(
+            range=_MAX_RANGE,
+            start_angle=0.0,
+            field_of_view=2 * math.pi * (NUM_BEAMS - 1) / NUM_BEAMS,
+            resolution=NUM_BEAMS,
         )
-        world.add_agent(new)
-        return new
+        self.robot = self._add_agent(_ROBOT_RADIUS, 0.0, None)
+        for person in walkers(NUM_OBSTACLES):
+            ends = [point.tolist() for point in person.route]
+            task = sim.tasks.WaypointsTask(waypoints=ends, loop=True, tolerance=0.1)
+            agent = self._add_agent(WALKER, WALK_SPEED, task)
+            agent.position = person.route.mean(axis=0)
+        for start, end in zip(_CORNERS, _CORNERS[1:] + _CORNERS[:1], strict=True):
+            self.world.add_wall(sim.Wall(start, end))
+        self.state = core.SensingState()
+        self.lidar.prepare_state(self.state)
 
-    robot = agent(_ROBOT_RADIUS, 0.0, None)
-    for person in walkers(NUM_OBSTACLES):
-        ends = [point.tolist() for point in person.route]
-        task = sim.tasks.WaypointsTask(waypoints=ends, loop=True, tolerance=0.1)
-        agent(WALKER, WALK_SPEED, task).position = person.route.mean(axis=0)
-    for start, end in zip(_CORNERS, _CORNERS[1:] + _CORNERS[:1], strict=True):
-        world.add_wall(sim.Wall(start, end))
-    state = core.SensingState()
-    lidar.prepare_state(state)
+    def _add_agent(self, radius: float, speed: float, task: object) -> Any:
+        from navground import core, sim
 
-    def work() -> int:
-        world.update(_TIME_STEP_S)
-        lidar.update(robot, world, state)
+        drive = core.kinematics.OmnidirectionalKinematics(max(speed, 0.01), 1.0)
+        dummy = core.behaviors.DummyBehavior()
+        agent = sim.Agent(radius=radius, kinematics=drive, behavior=dummy, task=task)
+        self.world.add_agent(agent)
+        return agent
+
+    def __call__(self) -> int:
+        """Move and scan once; return 1."""
+        self.world.update(_TIME_STEP_S)
+        self.lidar.update(self.robot, self.world, self.state)
         return 1
 
-    return work
+    def ranges(self) -> np.ndarray:
+        """Return the last scan ``[beams]`` m, beam 0 straight ahead, counter-clockwise."""
+        return np.array(self.state.buffers["range"].data)
 
 
-def start_ir_sim() -> Callable[[], int]:
-    """Return what moves ir-sim's world and scans in it, without display."""
-    with contextlib.redirect_stdout(io.StringIO()):  # what it says of windows it cannot open
-        import irsim
-    scene = {
-        "world": {
-            "width": 2 * _H,
-            "height": 2 * _H,
-            "offset": [-_H, -_H],
-            "step_time": _TIME_STEP_S,
-            "sample_time": _TIME_STEP_S,
-            "collision_mode": "unobstructed",
-        },
-        "robot": [_irsim_robot()],
-        "obstacle": [
-            *(_irsim_walker(person.route) for person in walkers(NUM_OBSTACLES)),
-            {"shape": {"name": "linestring", "vertices": [*_CORNERS, _CORNERS[0]]}},
-        ],
-    }
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "scene.yaml"
-        file.write_text(yaml.safe_dump(scene))
-        env = irsim.make(str(file), display=False, disable_all_plot=True, log_level="ERROR")
-    still = np.zeros((2, 1))
+class IrSim:
+    """ir-sim's world with a lidar, without display; a call moves everything once and scans."""
 
-    def work() -> int:
-        env.step(still)
+    def __init__(self) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):  # messages about missing window systems
+            import irsim
+        walls = {"name": "linestring", "vertices": [*_CORNERS, _CORNERS[0]]}
+        scene = {
+            "world": {
+                "width": 2 * _H,
+                "height": 2 * _H,
+                "offset": [-_H, -_H],
+                "step_time": _TIME_STEP_S,
+                "sample_time": _TIME_STEP_S,
+                "collision_mode": "unobstructed",
+            },
+            "robot": [_irsim_robot()],
+            "obstacle": [
+                *(_irsim_walker(person.route) for person in walkers(NUM_OBSTACLES)),
+                {"shape": walls, "state": [0, 0, 0]},  # the default is (1, 1)
+            ],
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "scene.yaml"
+            file.write_text(yaml.safe_dump(scene))
+            self.env = irsim.make(
+                str(file), display=False, disable_all_plot=True, log_level="ERROR"
+            )
+        self._stop = np.zeros((2, 1))
+
+    def __call__(self) -> int:
+        """Move and scan once; return 1."""
+        self.env.step(self._stop)
         return 1
 
-    return work
+    def ranges(self) -> np.ndarray:
+        """Return the last scan ``[beams]`` m, beam 0 straight ahead, counter-clockwise."""
+        return np.roll(self.env.get_lidar_scan()["ranges"], -NUM_BEAMS // 2)  # from -pi
 
 
 def _irsim_robot() -> dict:
@@ -164,5 +180,5 @@ def _irsim_walker(route: np.ndarray) -> dict:
     }
 
 
-PEERS = {"navground": start_navground, "ir_sim": start_ir_sim}
+PEERS: dict[str, Callable[[], Callable[[], int]]] = {"navground": Navground, "ir_sim": IrSim}
 _MODULES = {"navground": "navground", "ir_sim": "irsim"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import torch
 from tensordict import TensorDictBase
@@ -42,7 +42,7 @@ def scans_of_a_drive(env: TransformedEnv) -> TensorDictBase:
     return drive.carrier
 
 
-def _work(scans: TensorDictBase, icp: Transform, tagd: Transform):
+def _work(scans: TensorDictBase, icp: Transform, tagd: Transform) -> Callable[[], int]:
     def work() -> int:
         with torch.no_grad():
             tagd(icp(scans.copy()))

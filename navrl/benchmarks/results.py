@@ -11,6 +11,17 @@ import numpy as np
 from navrl.benchmarks.growth import fit_exponents
 from navrl.files import write_json
 
+PUBLISHED = {
+    "scan.ratio": 212.0,
+    "peers.navground_ratio": 10.8,
+    "peers.ir_sim_ratio": 2947.0,
+    "step.ratio": 68.5,
+}
+"""Medians in docs/benchmark.md of the rows that compare with other simulators, by key.
+
+Ratios only: both sides are measured in turn, so another machine or a busy one changes them little.
+"""
+
 
 @dataclass(frozen=True)
 class Bar:
@@ -79,6 +90,11 @@ class Row:
         """Whether the median reaches the bar; ``None`` without one."""
         return None if self.bar is None else self.bar.is_met_by(self.median)
 
+    def is_within(self, factor: float) -> bool:
+        """Return whether the median is within a factor of the published figure, if there is one."""
+        published = PUBLISHED.get(self.key)
+        return published is None or published / factor <= self.median <= published * factor
+
     def to_dict(self) -> dict:
         """Return plain data."""
         bar = None if self.bar is None else {"limit": self.bar.limit, "least": self.bar.is_least}
@@ -91,6 +107,7 @@ class Row:
             "values": [float(value) for value in self.values],
             "bar": bar,
             "met": self.is_met,
+            "published": PUBLISHED.get(self.key),
         }
 
 
@@ -149,12 +166,14 @@ class Report:
         rows: In the order of the table.
         series: Growth of costs; each has its row too.
         skipped: What was left out, and why.
+        factor: A row that is further from its published figure is warned of; ``None``: none is.
     """
 
     machine: dict
     rows: list[Row] = field(default_factory=list)
     series: list[Series] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
+    factor: float | None = None
 
     def add(self, *results: Row | Series | str) -> None:
         """Append rows, series (with their rows) and reasons for what is left out."""
@@ -200,7 +219,20 @@ class Report:
         rule = tuple("-" * w for w in width)
         text = ["| " + " | ".join(_cells(line, width)) + " |" for line in (head, rule, *lines)]
         machine = "; ".join(f"{name} {value}" for name, value in self.machine.items())
-        return "\n".join([machine, "", *text, *(f"left out: {why}" for why in self.skipped)])
+        skipped = (f"left out: {why}" for why in self.skipped)
+        return "\n".join([machine, "", *text, *skipped, *self.warnings()])
+
+    def warnings(self) -> list[str]:
+        """Return a line for each row that is far from its published figure."""
+        if self.factor is None:
+            return []
+        return [
+            f"warning: {row.key}={number(row.median)} {row.unit}: more than {self.factor:g} times "
+            f"from the published {number(PUBLISHED[row.key])} {row.unit} (docs/benchmark.md); "
+            "is the same work measured?"
+            for row in self.rows
+            if not row.is_within(self.factor)
+        ]
 
 
 def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:

@@ -20,28 +20,42 @@ NUM_BEAMS, NUM_BOXES = 1440, 32
 
 
 def scan_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1) -> Task:
-    """Return a task whose unit is one noise-free scan."""
-    simulator.reset(torch.arange(simulator.num_worlds), scenes)
+    """Return a task whose unit is one noise-free scan.
+
+    Robots turn between scans, unmeasured: a simulator may store a world's scan until it moves.
+    """
+    turn = _turning(simulator, scenes)
 
     def scan() -> int:
         simulator.ranges()
         return simulator.num_worlds
 
-    return Task(scan, num_threads)
+    return Task(scan, num_threads, turn)
 
 
 def drive_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1) -> Task:
     """Return a task whose unit is one step and one noise-free scan, robots turning on the spot."""
-    simulator.reset(torch.arange(simulator.num_worlds), scenes)
-    command = torch.zeros(simulator.num_worlds, 2)
-    command[:, 1] = torch.linspace(-1.0, 1.0, simulator.num_worlds)
+    turn = _turning(simulator, scenes)
 
     def drive() -> int:
-        simulator.step(command)
+        turn()
         simulator.ranges()
         return simulator.num_worlds
 
     return Task(drive, num_threads)
+
+
+def _turning(simulator: Simulator, scenes: ScenarioBatch) -> Callable[[], None]:
+    """Reset the worlds; return a function that turns every robot on the spot for one step."""
+    simulator.reset(torch.arange(simulator.num_worlds), scenes)
+    command = torch.zeros(simulator.num_worlds, 2)
+    command[:, 1] = torch.linspace(0.5, 1.0, simulator.num_worlds)
+    command[::2, 1] *= -1  # no robot at rest, however many there are
+
+    def turn() -> None:
+        simulator.step(command)
+
+    return turn
 
 
 def scan_rows(

@@ -1,5 +1,11 @@
 """Composition root: from a resolved config to running objects. Nothing below knows a config."""
 
+# ruff: noqa: E402 - missing packages are reported before a module that needs them is imported
+
+from navrl.extras import require
+
+require("full", "navrl.build", "hydra", "safetensors", "skimage", "tqdm", "yaml")
+
 from navrl.build.benchmark import run_benchmark
 from navrl.build.environment import (
     make_env,

@@ -54,7 +54,7 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
     unknown = [name for name in cfg.rows if name not in ROWS]
     if unknown or not cfg.rows or len(set(cfg.rows)) < len(cfg.rows):
         raise ValueError(f"rows={list(cfg.rows)}: need distinct ones of {sorted(ROWS)}")
-    report = Report(benchmarks.describe_machine())
+    report = Report(benchmarks.describe_machine(), factor=cfg.effort.published_factor)
     for name in cfg.rows:
         log.info("measuring %s", name)
         report.add(*ROWS[name](cfg))

@@ -7,6 +7,8 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from navrl.extras import install_hint
+
 Backend = Literal["auto", "numba", "torch"]
 BACKENDS = ("auto", "numba", "torch")
 
@@ -63,7 +65,7 @@ def missing_for_cuda() -> str | None:
     if not torch.cuda.is_available():
         return "a CUDA device that torch can use"
     if importlib.util.find_spec("numba_cuda") is None:
-        return "numba-cuda (pip install 'navrl[cuda]')"
+        return f"numba-cuda ({install_hint('cuda')})"
     return None
 
 

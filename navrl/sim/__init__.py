@@ -19,7 +19,9 @@ __all__ = [
 _LAZY = {"BatchedSimulator": "navrl.sim.batched", "BulletSimulator": "navrl.sim.bullet"}
 
 
-def __getattr__(name: str):  # numba and pybullet are imported by those who simulate with them
+def __getattr__(
+    name: str,
+) -> type:  # numba and pybullet are imported by those who simulate with them
     if name in _LAZY:
         return getattr(import_module(_LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

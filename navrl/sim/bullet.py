@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -271,7 +271,7 @@ class Client:
         if is_shown:
             self.configureDebugVisualizer(pybullet.COV_ENABLE_GUI, 0)
 
-    def __getattr__(self, name: str):
+    def __getattr__(self, name: str) -> Any:
         value = getattr(pybullet, name)
         if callable(value):
             value = functools.partial(value, physicsClientId=self._id)

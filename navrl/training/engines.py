@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import torch
 from torchrl.collectors import BaseCollector, MultiAsyncCollector, MultiSyncCollector
 
+from navrl.extras import install_hint
 from navrl.training.replay import Compact
 from navrl.training.worker import WorkerBatch, WorkerCollector, WorkerEnv
 from navrl.training.workers import WorkersCollector
@@ -145,9 +146,7 @@ def _collector_kwargs(compact: Compact, num_workers: int) -> list[dict]:
 def _require(module: str, choice: str, extra: str) -> None:
     found = importlib.util.find_spec(module)
     if found is None or found.origin is None:  # or a mere folder of that name, as Ray's /tmp/ray
-        raise ValueError(
-            f"{choice}: needs {module}, which is not installed; pip install 'navrl[{extra}]'"
-        )
+        raise ValueError(f"{choice}: needs {module}, which is not installed; {install_hint(extra)}")
 
 
 def _free_port() -> int:

@@ -30,7 +30,9 @@ class GoalPosition(ObservationMap):
     INPUTS = ("pose", "path")
     OUTPUTS = ("goal position",)
 
-    def __init__(self, in_keys: Keys = (keys.POSE, keys.PATH), out_keys: Keys = (keys.GOAL,)):
+    def __init__(
+        self, in_keys: Keys = (keys.POSE, keys.PATH), out_keys: Keys = (keys.GOAL,)
+    ) -> None:
         super().__init__(in_keys, out_keys)
 
     def map_values(self, pose: Tensor, path: Tensor) -> Sequence[Tensor]:

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.colors import to_rgba_array
 
 from navrl.evaluation.recording import Recording
+from navrl.extras import install_hint
 from navrl.files import replacing_path
 from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
@@ -70,7 +71,7 @@ def _rerun() -> ModuleType:
     try:
         import rerun
     except ImportError as error:
-        raise ImportError("a .rrd file needs rerun: pip install 'navrl[rerun]'") from error
+        raise ImportError(f"a .rrd file needs rerun; {install_hint('rerun')}") from error
     return rerun
 
 

@@ -1,5 +1,11 @@
 """Worlds as data: scenarios, their generators and named sets of them. No physics."""
 
+# ruff: noqa: E402 - missing packages are reported before a module that needs them is imported
+
+from navrl.extras import require
+
+require("full", "navrl.worlds", "skimage")
+
 from navrl.worlds.batch import KINDS, ScenarioBatch, pedestrian_boxes
 from navrl.worlds.cards import CardSet
 from navrl.worlds.corridor import Corridor

@@ -2,13 +2,14 @@
 
 import json
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from navrl.benchmarks import Bar, Budget, Report, Row, Series, Task, alternate, fit_exponents
-from navrl.benchmarks.results import at_most, number
+from navrl.benchmarks.results import PUBLISHED, at_most, number
 
 
 def test_tasks_take_turns_there_and_back_after_one_run_each():
@@ -33,6 +34,22 @@ def test_a_rate_is_units_over_seconds():
     rates = alternate({"sleep": Task(work)}, Budget(seconds=0.05, repeats=2))["sleep"]
     assert rates.shape == (2,)
     assert (rates <= 500).all()  # a busy machine sleeps longer, never shorter
+
+
+def test_preparation_is_not_measured(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+    calls = []
+
+    def spend(name, seconds):
+        calls.append(name)
+        clock[0] += seconds
+        return 1
+
+    task = Task(lambda: spend("work", 0.5), prepare=lambda: spend("prepare", 3.0))
+    rates = alternate({"work": task}, Budget(seconds=1.0, repeats=3))
+    assert calls == ["prepare", "work"] * 7
+    assert rates["work"].tolist() == [2.0] * 3
 
 
 def test_each_task_has_its_threads_and_the_old_number_comes_back():
@@ -130,3 +147,23 @@ def test_a_row_is_reported_once():
 )
 def test_numbers_are_plain(value, text):
     assert number(value) == text
+
+
+@pytest.mark.parametrize(("ratio", "is_warned"), [(0.66, True), (2000.0, True), (150.0, False)])
+def test_a_row_far_from_its_published_figure_is_warned_of(ratio, is_warned):
+    report = Report({}, factor=5.0)
+    report.add(Row("scan.ratio", "… 1 core / PyBullet", "x", [ratio]))
+    text = report.table()
+    assert ("warning: scan.ratio" in text) == is_warned
+    assert report.to_dict()["rows"][0]["published"] == PUBLISHED["scan.ratio"]
+    assert "warning" not in Report({}, report.rows).table()  # without a factor
+
+
+def test_published_figures_are_those_of_the_page():
+    page = (Path(__file__).parents[2] / "docs" / "benchmark.md").read_text()
+    cells = [line.split(" | ") for line in page.partition("## Measured")[2].splitlines()]
+    medians = [
+        float(row[1].replace(",", "")) for row in cells if len(row) == 6 and row[1][0].isdigit()
+    ]
+    assert set(PUBLISHED.values()) <= set(medians)
+    assert {key.partition(".")[0] for key in PUBLISHED} == {"scan", "step", "peers"}

@@ -16,7 +16,7 @@ SHORT += ["num_threads=1", "progress_bar=false", "transforms.icp_align.max_itera
 @pytest.mark.parametrize("name", NAMES)
 def test_plays_a_suite(name, tmp_path):
     if name == "orca" and importlib.util.find_spec("pyrvo") is None:
-        pytest.skip("needs navrl[orca]")
+        pytest.skip("needs the extra orca")
     summary = run_evaluation(compose("evaluate", [f"policy={name}", *SHORT]), tmp_path)
     assert (summary["episodes"], summary["errors"]) == (3, 0)
     with (tmp_path / "episodes.csv").open(newline="") as file:

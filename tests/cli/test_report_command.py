@@ -5,7 +5,7 @@ from evaluated import HIT, WON, write_evaluation
 
 from navrl.cli.report import main
 
-pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
+pytest.importorskip("plotly", reason="needs the extra report")
 
 
 def test_policies_are_compared_without_the_paper_too(tmp_path, capsys):

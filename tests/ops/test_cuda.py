@@ -48,7 +48,7 @@ def test_simulated_kernels_do_what_the_cpu_does(simulated, name):
 @pytest.mark.slow
 def test_all_kernels_are_simulated_and_compile(simulated):
     if importlib.util.find_spec("numba_cuda") is None:
-        pytest.skip("needs numba-cuda: pip install 'navrl[cuda]'")
+        pytest.skip("needs the extra cuda")
     file, found = simulated
     lines = run("cuda_compilation.py", file).splitlines()
     assert {line.split()[0] for line in lines} == set(found["signatures"])

@@ -200,7 +200,7 @@ def test_stop_and_go_names_what_cannot_be():
 
 # --- orca ----------------------------------------------------------------------------------------
 
-rvo = pytest.mark.skipif(importlib.util.find_spec("pyrvo") is None, reason="needs navrl[orca]")
+rvo = pytest.mark.skipif(importlib.util.find_spec("pyrvo") is None, reason="needs the extra orca")
 
 
 def world(walls=()):
@@ -291,5 +291,5 @@ def test_orca_must_be_prepared_and_names_what_cannot_be():
 
 def test_without_its_library_orca_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyrvo", None)
-    with pytest.raises(ImportError, match=r"navrl\[orca\]"):
+    with pytest.raises(ImportError, match=r"-e '\.\[orca\]"):
         Orca(ROBOT)

@@ -26,7 +26,7 @@ WATCHED = [
     "schedule.checkpoint_every_s=1000",
 ]
 needs_ray = pytest.mark.skipif(
-    importlib.util.find_spec("ray") is None, reason="needs Ray: pip install 'navrl[ray]'"
+    importlib.util.find_spec("ray") is None, reason="needs the extra ray"
 )
 KINDS = [
     ["collector=process"],
@@ -181,4 +181,4 @@ def test_missing_ray_says_how_to_get_it(monkeypatch, tmp_path):
     with pytest.raises(Exception, match="ray") as caught:
         build.make_trainer(compose("train", [*TINY, "collector=ray"]), tmp_path)
     assert "collector=ray: needs ray" in describe(caught.value)
-    assert "pip install 'navrl[ray]'" in describe(caught.value)
+    assert "pip install -e '.[ray]'" in describe(caught.value)

@@ -64,7 +64,7 @@ def folder(tmp_path_factory, recording, lost):
 
 @pytest.fixture(scope="session")
 def page(folder):
-    pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
+    pytest.importorskip("plotly", reason="needs the extra report")
     return write_report([folder], folder / "deep" / "report.html")
 
 

@@ -20,7 +20,7 @@ from navrl.viz.report import write_report
 from navrl.viz.report.episodes import episode_data
 from navrl.viz.report.sources import find_sources
 
-pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
+pytest.importorskip("plotly", reason="needs the extra report")
 
 
 def embedded(page, name):
@@ -306,5 +306,5 @@ def test_mistakes_are_one_line(tmp_path, capsys):
 
 def test_without_plotly_it_says_what_to_install(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
-    with pytest.raises(ImportError, match=r"navrl\[report\]"):
+    with pytest.raises(ImportError, match=r"-e '\.\[report\]"):
         write_report([folder], tmp_path / "report.html")

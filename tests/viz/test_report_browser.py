@@ -10,7 +10,7 @@ from evaluated import HIT, WON, write_evaluation
 from navrl.sim import Contact
 from navrl.viz.report import write_report
 
-pytest.importorskip("plotly", reason="needs pip install 'navrl[report]'")
+pytest.importorskip("plotly", reason="needs the extra report")
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from navrl.viz import pictures, rerun_log, save_rrd
 from navrl.viz.scene import attention_scale
 from navrl.viz.style import BLACK, GREEN, SPATIAL_COLORS, TEMPORAL_COLORS
 
-NEEDS_RERUN = "needs pip install 'navrl[rerun]'"
+NEEDS_RERUN = "needs the extra rerun"
 
 
 class Written:
@@ -203,7 +203,7 @@ def test_what_cannot_be_written_says_why(recording, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"\.rrd"):
         save_rrd(recording, tmp_path / "episode.gif")
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(ImportError, match=r"needs rerun: pip install 'navrl\[rerun\]'"):
+    with pytest.raises(ImportError, match=r"needs rerun; pip install -e '\.\[rerun\]'"):
         save_rrd(recording, tmp_path / "episode.rrd")
 
 
@@ -215,4 +215,4 @@ def test_the_command_says_it_in_a_line(recording, tmp_path, monkeypatch, capsys)
         pages.run("navrl-plot picture=rerun", *words)
     (line,) = capsys.readouterr().err.splitlines()
     assert exit_.value.code == 2
-    assert line == "navrl: a .rrd file needs rerun: pip install 'navrl[rerun]'"
+    assert line == "navrl: a .rrd file needs rerun; pip install -e '.[rerun]' in a clone of navrl"

@@ -11,6 +11,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
+from navrl.extras import install_hint
 from navrl.ops import se2
 from navrl.policies.classical.commands import normalized_action, physical_command
 from navrl.sim import DifferentialDrive
@@ -189,6 +190,6 @@ def _import_rvo() -> ModuleType:
         import pyrvo
     except ImportError as error:
         raise ImportError(
-            "the controller 'orca' needs pyrvo (RVO2, Apache-2.0): pip install 'navrl[orca]'"
+            f"policy=orca: needs pyrvo (RVO2, Apache-2.0); {install_hint('orca')}"
         ) from error
     return pyrvo

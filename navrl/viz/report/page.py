@@ -10,6 +10,7 @@ from pathlib import Path
 
 import navrl
 from navrl.evaluation.comparison import ComparisonTable, compare
+from navrl.extras import install_hint
 from navrl.files import write_text
 from navrl.viz.report.html_tables import (
     comparison_table,
@@ -63,7 +64,7 @@ def _need_plotly() -> None:
     try:
         import plotly  # noqa: F401
     except ImportError as error:
-        raise ImportError("a report needs plotly: pip install 'navrl[report]'") from error
+        raise ImportError(f"a report needs plotly; {install_hint('report')}") from error
 
 
 def _page(sources: Sources, reference: str | None) -> str:

@@ -1,0 +1,110 @@
+"""Which packages an import needs, and how documentation and messages say to install them."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+FULL = ("pybullet", "hydra", "omegaconf", "matplotlib", "skimage", "scipy", "PIL", "safetensors")
+FULL += ("tensorboard", "tqdm", "yaml")
+
+# Imports with some packages hidden, as if they were not installed.
+HIDE = """
+import importlib.util, sys
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {hidden}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+find_spec = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *a: None if name in {hidden} else find_spec(name, *a)
+sys.meta_path.insert(0, Hidden())
+{code}
+"""
+
+
+def run(code: str, hidden: tuple[str, ...] = FULL) -> subprocess.CompletedProcess:
+    script = HIDE.format(hidden=set(hidden), code=code)
+    return subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+
+
+def names(requirements: list[str]) -> set[str]:
+    return {Requirement(line).name.lower() for line in requirements}
+
+
+def test_base_packages_suffice_for_transforms_and_networks():
+    done = run(
+        "import torch, gymnasium, navrl\n"
+        "from tensordict import TensorDict\n"
+        "from navrl.transforms import MinPool\n"
+        "from navrl import networks, sim, algos\n"
+        "pool = MinPool(group_size=4, in_keys=['scan'], out_keys=['pooled', 'points', 'hit'])\n"
+        "print(pool(TensorDict({'scan': torch.rand(2, 360)}, [2]))['points'].shape)\n"
+        "sim.BatchedSimulator\n"
+    )
+    assert "[2, 90, 2]" in done.stdout, done.stderr[-2000:]
+
+
+@pytest.mark.parametrize("code", ["import navrl.envs", "import navrl.build", "import navrl.worlds"])
+def test_a_missing_extra_is_named(code):
+    line = run(code).stderr.strip().splitlines()[-1]
+    assert line.startswith("ModuleNotFoundError: navrl.")
+    assert "skimage" in line and "pip install -e '.[full]' in a clone of navrl" in line
+
+
+def test_a_command_without_its_extra_ends_with_one_line():
+    done = run("from navrl.cli.train import main; main()")
+    assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1
+    assert done.stderr.startswith("navrl: the commands: needs hydra")
+
+
+def test_ranges_are_open_and_the_constraints_are_within_them():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pins = dict(line.lower().split("==") for line in lines if not line.startswith("#"))
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines if not line.startswith("#"))
+    wanted = [*PROJECT["dependencies"], *EXTRAS["full"], *EXTRAS["test"], *EXTRAS["docs"]]
+    for requirement in map(Requirement, wanted):
+        if requirement.name == "navrl":
+            continue
+        assert not any(part.operator == "==" for part in requirement.specifier), requirement
+        pin = pins[requirement.name.lower()]
+        assert requirement.specifier.contains(pin), (requirement, pin)
+
+
+def test_the_base_stays_small():
+    base = names(PROJECT["dependencies"])
+    assert base == {"torch", "torchrl", "tensordict", "gymnasium", "numba", "numpy"}
+    assert not base & names(EXTRAS["full"])
+
+
+def test_python_versions_claimed_are_those_of_the_range():
+    versions = [
+        line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if ":: Python :: 3." in line
+    ]
+    minors = [int(version.removeprefix("3.")) for version in versions]
+    assert minors == list(range(min(minors), max(minors) + 1))
+    assert PROJECT["requires-python"] == f">=3.{min(minors)},<3.{max(minors) + 1}"
+
+
+def test_no_text_says_that_navrl_is_on_an_index():
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True).stdout
+    suffixes = {".py", ".md", ".yaml", ".yml", ".toml", ".cff", ".txt"}
+    paths = [ROOT / line for line in listed.splitlines()] or [*ROOT.rglob("*.*")]
+    for path in paths:
+        if path.suffix in suffixes and path.is_file() and path != Path(__file__):
+            found = re.search(r"pip install (?:-\S+ )*['\"]?navrl\b", path.read_text())
+            assert found is None, f"{path}: {found[0]}"
+
+
+def test_extras_named_in_the_texts_exist():
+    paths = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", *(ROOT / "conf").rglob("*.yaml")]
+    paths += (ROOT / "navrl").rglob("*.py")
+    for path in paths:
+        for extras in re.findall(r"pip install[^\n]*?\.\[([\w,-]+)\]", path.read_text()):
+            assert set(extras.split(",")) <= EXTRAS.keys(), (path, extras)
