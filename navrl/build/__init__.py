@@ -3,7 +3,6 @@
 from navrl.build.benchmark import run_benchmark
 from navrl.build.environment import (
     make_env,
-    make_gymnasium_env,
     make_navigation_env,
     make_pool,
     set_threads,
@@ -16,6 +15,7 @@ from navrl.build.evaluation import (
     record,
     run_evaluation,
 )
+from navrl.build.gymnasium import make_gymnasium_env
 from navrl.build.latency import measure_latency
 from navrl.build.run_folder import claim_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
