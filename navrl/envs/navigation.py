@@ -87,6 +87,7 @@ class NavigationEnv(EnvBase):
                 f"goal_radius={goal_radius}, time_limit_steps={time_limit_steps}: must be > 0"
             )
         super().__init__(device=simulator.device, batch_size=[simulator.num_worlds])
+        self.is_closed = False  # TorchRL's initial value is True, so close() would do nothing
         self.simulator = simulator
         self.scenarios = scenarios if scenarios is None else scenarios.to(self.device)
         self.rewards = {name: term for name, term in rewards.items() if term is not None}

@@ -120,6 +120,17 @@ def test_step_before_the_first_reset_raises():
         make().unwrapped.step(STOP)
 
 
+@pytest.mark.parametrize("is_reset", [False, True])
+def test_close_frees_the_simulator(is_reset):
+    env = make("simulator=bullet")
+    if is_reset:
+        env.reset(seed=0)
+    env.close()
+    env.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        env.unwrapped.reset()
+
+
 # --- rendering -----------------------------------------------------------------------------------
 
 
