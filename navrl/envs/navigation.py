@@ -52,6 +52,9 @@ class NavigationEnv(EnvBase):
     its path. **End**: ``terminated`` on collision or goal; ``truncated`` at the step limit, so that
     a value still bootstraps there.
 
+    **Partial reset**: the other rows carry what was observed last, so that running statistics
+    directly behind the environment (VecNorm) see no zeros.
+
     Args:
         simulator: Worlds to act in; its number of worlds is the batch size.
         scenarios: Where training scenarios are drawn from; ``None`` if :meth:`set_scenarios` is
