@@ -15,7 +15,7 @@ from navrl.build.gymnasium import EFFECTIVE
 from navrl.config import compose
 from navrl.envs import Outcome
 from navrl.envs.gymnasium import GymnasiumNavigation
-from navrl.viz.live import FRAME_PIXELS
+from navrl.viz.live import FRAME_PIXELS, LiveScene
 
 SMALL = ["scenario=corridor", "pool_size=4", "num_threads=1", "empty_share=0"]
 STOP, AHEAD = np.zeros(2, np.float32), np.array([1.0, 0.0], np.float32)
@@ -120,6 +120,26 @@ def test_step_before_the_first_reset_raises():
         make().unwrapped.step(STOP)
 
 
+def test_spaces_have_the_limits_of_robot_and_lidar():
+    env = make("lidar.num_beams=90", "lidar.max_range=2.0")
+    ranges = env.observation_space["ranges"]
+    assert (ranges.shape, ranges.low.min(), ranges.high.max()) == ((90,), 0.0, 2.0)
+    assert env.observation_space["path"].shape == (200, 2)
+    assert env.action_space.low.tolist() == pytest.approx([0.0, -np.pi])
+    assert env.action_space.high.tolist() == pytest.approx([1.0, np.pi])
+
+
+def test_caller_may_change_an_observation():
+    env = make()
+    observation, _ = env.reset(seed=0)
+    kept = {key: value.copy() for key, value in observation.items()}
+    for value in observation.values():
+        value[:] = 0.0
+    after = env.step(STOP)[0]
+    assert np.array_equal(after["path"], kept["path"])
+    assert np.array_equal(after["pose"], kept["pose"])
+
+
 @pytest.mark.parametrize("is_reset", [False, True])
 def test_close_frees_the_simulator(is_reset):
     env = make("simulator=bullet")
@@ -151,6 +171,23 @@ def test_frames_show_the_episode(simulator):
     assert all((a != b).any() for a, b in zip(frames, frames[1:], strict=False))
 
 
+def test_renderer_records_the_episode_so_far(monkeypatch):
+    seen = []
+    monkeypatch.setattr(LiveScene, "draw", lambda self, recording: seen.append(recording))
+    env = make("environment.time_limit_steps=2", render_mode="rgb_array")
+    start, _ = env.reset(seed=0)
+    for _ in range(2):
+        after = env.step(AHEAD)[0]
+        env.render()
+    assert [recording.outcome for recording in seen] == ["running", "timeout"]
+    last = seen[-1]
+    assert last.num_steps == 2 and last.action.tolist() == [[1.0, 0.0]] * 2
+    assert np.array_equal(last.pose[[0, 2]], [start["pose"], after["pose"]])
+    assert np.array_equal(last.ranges[2], after["ranges"])
+    assert np.array_equal(last.path, start["path"]) and np.array_equal(last.goal, last.path[-1])
+    assert len(last.walls) > 0 and np.isfinite(last.pedestrian_boxes).any()
+
+
 def test_rendering_changes_no_observation():
     plain, drawn = make(), make(render_mode="rgb_array")
     for env in (plain, drawn):
@@ -163,7 +200,7 @@ def test_rendering_changes_no_observation():
 
 def test_frames_per_second_follow_the_time_step():
     assert make().metadata["render_fps"] == 5
-    assert make("simulator.time_step_s=0.1").metadata["render_fps"] == 10
+    assert make("simulator.time_step_s=0.15").metadata["render_fps"] == 7
 
 
 def test_render_without_a_mode_warns_and_returns_none():
