@@ -16,6 +16,7 @@ TERMS = {
     "collision": Collision(10.0),
     "goal": Goal(10.0),
     "progress": Progress(2.0),
+    "potential": Progress(1.0, "potential", gamma=0.5),
     "proximity": Proximity(3.0, 0.5),
     "absent": None,
 }
@@ -129,7 +130,11 @@ def test_partial_reset_replaces_goal_path_and_noise():
     td = reset_first(env, td)
     assert td["path"][0, -1].tolist() == [2.5, 0.0]
     assert td["path"][1, -1].tolist() == [9.0, 0.0]
-    td = drive(env, td, [1.0, 1.0], steps=2)
+    td = drive(env, td, [1.0, 1.0])
+    # gamma (progress - length) - (progress before - length), paths of 0.5 and 9 m
+    expected = [0.5 * (0.2 - 0.5) + 0.5, 0.5 * (0.4 - 9.0) - (0.2 - 9.0)]
+    assert td["reward_terms", "potential"].flatten().tolist() == pytest.approx(expected, abs=1e-5)
+    td = drive(env, td, [1.0, 1.0])
     assert td["outcome"].flatten().tolist() == [Outcome.SUCCESS, Outcome.RUNNING]
 
 
