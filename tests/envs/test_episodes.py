@@ -1,5 +1,6 @@
 """Episodes made by hand: limits, rewards and state of the environment, value by value."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -183,3 +184,11 @@ def test_close_closes_the_simulator_once(monkeypatch):
     env.close()
     env.close()
     assert calls == ["simulator"]
+
+
+def test_progress_does_not_jump_to_a_near_branch_of_the_path():
+    hairpin = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 0.3], [0.0, 0.3]])
+    north = np.array([0.0, 0.0, np.pi / 2])
+    env = make(dataclasses.replace(scenario(), path=hairpin, start=north))
+    td = drive(env, env.reset(), [1.0])  # at (0, 0.2), 0.1 m from the last branch
+    assert td["reward_terms", "progress"].item() == pytest.approx(0.0, abs=1e-5)
