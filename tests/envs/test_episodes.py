@@ -192,3 +192,11 @@ def test_progress_does_not_jump_to_a_near_branch_of_the_path():
     env = make(dataclasses.replace(scenario(), path=hairpin, start=north))
     td = drive(env, env.reset(), [1.0])  # at (0, 0.2), 0.1 m from the last branch
     assert td["reward_terms", "progress"].item() == pytest.approx(0.0, abs=1e-5)
+
+
+def test_partial_reset_plays_the_worlds_own_scenario():
+    env = make(scenario(), scenario(goal=5.0))
+    td = env.reset()
+    mask = torch.tensor([[False], [True]])
+    td = env.reset(td.clone().set("_reset", mask))
+    assert td["path"][:, -1].tolist() == [[9.0, 0.0], [5.0, 0.0]]
