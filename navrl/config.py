@@ -103,7 +103,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
         @functools.wraps(task)
         def checked(cfg: DictConfig) -> Any:
             with _ErrorLine():
-                _check_types(config_name)
+                check_types(config_name, HydraConfig.get().overrides.task)
                 return task(cfg)
 
         run = hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=config_name)
@@ -198,13 +198,17 @@ def _leaves(cfg: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield name, cfg[key]
 
 
-def _check_types(config_name: str) -> None:
+def check_types(config_name: str, overrides: Sequence[str]) -> None:
     """Hold each overridden value to the type of the default it replaces.
+
+    Args:
+        config_name: A primary config, e.g. ``train``.
+        overrides: Hydra overrides of it.
 
     Raises:
         ValueError: Naming the first key, its value and the type that is needed.
     """
-    overrides = list(HydraConfig.get().overrides.task)
+    overrides = list(overrides)
     parts = [override.lstrip("+~").partition("=") for override in overrides]
     groups = [o for o, (key, _, _) in zip(overrides, parts, strict=True) if "." not in key]
     groups = [o for o in groups if o.lstrip("+~").partition("=")[0] in _groups()]

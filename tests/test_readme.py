@@ -32,7 +32,17 @@ def test_ci_runs_the_readmes_test_command():
 SNIPPETS = [(page, code) for page in PAGES for code in blocks(page, "python")]
 
 
+@pytest.fixture
+def printed_modules(tmp_path):
+    """Forget afterwards what was imported from a page's files, and nothing else."""
+    yield
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", None)).startswith(str(tmp_path)):
+            del sys.modules[name]
+
+
 @pytest.mark.parametrize(("page", "code"), SNIPPETS, ids=[page.name for page, _ in SNIPPETS])
+@pytest.mark.usefixtures("printed_modules")
 def test_python_snippets_run(page, code, capsys, tmp_path, monkeypatch):
     """As a script in a folder that holds the files which the page prints."""
     for name, text in files(page).items():
@@ -40,6 +50,5 @@ def test_python_snippets_run(page, code, capsys, tmp_path, monkeypatch):
         (tmp_path / name).write_text(text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(sys, "modules", {**sys.modules})
     exec(compile(code, page.name, "exec"), {"__name__": "snippet"})
     assert capsys.readouterr().out

@@ -9,7 +9,6 @@ require("full", "navrl.build", "hydra", "safetensors", "skimage", "tqdm", "yaml"
 from navrl.build.benchmark import run_benchmark
 from navrl.build.environment import (
     make_env,
-    make_gymnasium_env,
     make_navigation_env,
     make_pool,
     set_threads,
@@ -23,6 +22,7 @@ from navrl.build.evaluation import (
     run_evaluation,
 )
 from navrl.build.finished import finished_evaluation, unchanged_evaluation
+from navrl.build.gymnasium import make_gymnasium_env
 from navrl.build.latency import measure_latency
 from navrl.build.run_folder import claim_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy

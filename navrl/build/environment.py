@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -14,9 +13,8 @@ from torchrl.data import Composite
 from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
-from navrl.config import compose, instantiate
+from navrl.config import instantiate
 from navrl.envs import NavigationEnv
-from navrl.envs.gymnasium import GymnasiumNavigation
 from navrl.ops.backend import find_device
 from navrl.transforms.min_pool import check_mount
 from navrl.worlds import ScenarioPool, Suite
@@ -66,7 +64,7 @@ def make_navigation_env(
     cfg: DictConfig,
     num_worlds: int,
     scenarios: ScenarioPool | None = None,
-    seed: int = 0,
+    seed: int | None = 0,
     privileged: bool = False,
 ) -> NavigationEnv:
     """Build the simulator and the raw environment.
@@ -75,7 +73,7 @@ def make_navigation_env(
         cfg: Config with ``simulator``, ``robot``, ``lidar``, ``reward`` and ``environment``.
         num_worlds: Batch size.
         scenarios: Where episodes are drawn from; ``None`` if they are set from outside.
-        seed: Seed of the environment's generator.
+        seed: Seed of the environment's generator; ``None`` draws one.
         privileged: Whether the true state is observed too.
 
     Returns:
@@ -165,24 +163,3 @@ def make_training_env(cfg: DictConfig, seed: int, num_worlds: int | None = None)
     count = cfg.num_worlds if num_worlds is None else num_worlds
     env = make_navigation_env(cfg, count, make_pool(cfg), seed)
     return make_env(env, instantiate(cfg.transforms))
-
-
-def make_gymnasium_env(overrides: Sequence[str] = (), **kwargs: object) -> GymnasiumNavigation:
-    """Build the environment behind ``gymnasium.make("navrl/Navigation-v0")``.
-
-    Args:
-        overrides: Hydra overrides of ``conf/train.yaml``, e.g. ``["scenario=corridor",
-            "simulator=bullet"]``.
-        kwargs: None are taken; gymnasium's own are named here so that a typo gives an error.
-
-    Returns:
-        One world with the paper's raw observations.
-
-    Raises:
-        ValueError: If a keyword is unknown.
-    """
-    if kwargs:
-        raise ValueError(f"unknown keyword {sorted(kwargs)}: only 'overrides' is allowed")
-    cfg = compose("train", list(overrides))
-    cfg = on_cpu(cfg)  # what Gymnasium gives are arrays in the CPU's memory
-    return GymnasiumNavigation(make_navigation_env(cfg, 1, make_pool(cfg), cfg.seed))

@@ -1,14 +1,16 @@
-"""The navigation task as a plain gymnasium environment: one world, NumPy, Python scalars."""
+"""The navigation task as a plain gymnasium environment: one world, NumPy, scalars."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 
 from navrl import keys
 from navrl.envs.navigation import NavigationEnv
@@ -17,28 +19,63 @@ from navrl.envs.outcome import Outcome
 OBSERVED = (keys.RANGES, keys.POSE, keys.PATH)
 
 
+class Renderer(Protocol):
+    """Interface of what draws the running episode, so that this layer needs no pictures."""
+
+    def start(self, observation: TensorDictBase) -> None:
+        """Take in what a reset returned, ``[1]``."""
+
+    def add(self, action: Tensor, observation: TensorDictBase) -> None:
+        """Take in a command ``[2]`` in m/s and rad/s and what the step returned, ``[1]``."""
+
+    def frame(self) -> np.ndarray:
+        """Return the present moment, ``[H, W, 3]`` uint8, always of the same size."""
+
+
 class GymnasiumNavigation(gymnasium.Env):
     """Adapt a :class:`NavigationEnv` of one world to gymnasium's interface.
 
     TorchRL's own ``register_gym`` returns arrays of shape (1,) for the reward and the end flags and
-    does not pass gymnasium's ``check_env``; hence this thin adapter.
+    does not pass gymnasium's ``check_env``; hence this adapter.
 
     **Observation**: ``ranges`` (beams,) m, ``pose`` (3,) world, ``path`` (P, 2) m world, float32.
-    **Action**: (v, w) in m/s and rad/s. **Info**: ``outcome`` by name, and each reward term.
+    **Action**: (v, w) in m/s and rad/s. **Info**, after each reset and step:
+
+    ===============  =======  ==================================================================
+    key              dtype    meaning
+    ===============  =======  ==================================================================
+    outcome          int64    code of :class:`navrl.envs.Outcome`; its name is
+                              ``Outcome(info["outcome"]).name``
+    is_success       bool     the goal is reached in this step; an array of shape ()
+    reward_TERM      float32  contribution of each term to the reward, weight included
+    ===============  =======  ==================================================================
+
+    All of them are NumPy values, as vector environments and TorchRL's info reader stack them.
+
+    **Seeds**: ``reset(seed=...)`` fixes this episode and all that follow. An environment that was
+    never given one draws its own from the operating system, so that copies differ.
+
+    **End**: a step after the end raises :class:`gymnasium.error.ResetNeeded`.
 
     Args:
-        env: Environment of one world.
+        env: Environment of one world on the CPU.
+        renderer: Draws the frames of ``render_mode="rgb_array"``; ``None`` is ``render_mode=None``.
 
     Raises:
-        ValueError: If the environment has another number of worlds.
+        ValueError: If the environment has another number of worlds or is on another device.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 -- gymnasium's own convention
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 -- gymnasium's way
 
-    def __init__(self, env: NavigationEnv) -> None:
+    def __init__(self, env: NavigationEnv, renderer: Renderer | None = None) -> None:
         if env.batch_size != torch.Size([1]):
-            raise ValueError(f"env: need one world, got batch size {list(env.batch_size)}")
-        self._env = env
+            raise ValueError(f"env.batch_size={list(env.batch_size)}: must be [1], one world")
+        if env.device.type != "cpu":
+            raise ValueError(f"env.device={env.device}: must be cpu, where NumPy's arrays are")
+        self._env, self._renderer = env, renderer
+        self._is_running = False
+        self.render_mode = None if renderer is None else "rgb_array"
+        self.metadata = {**self.metadata, "render_fps": round(1 / env.simulator.time_step_s)}
         beams, limit = env.simulator.lidar.num_beams, env.simulator.lidar.max_range
         points = env.observation_spec[keys.PATH].shape[1]
         self.observation_space = spaces.Dict(
@@ -54,26 +91,67 @@ class GymnasiumNavigation(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start an episode; a seed fixes this one and all that follow."""
+        """Start an episode.
+
+        Args:
+            seed: Fixes this episode and all that follow; ``None`` goes on with the generator.
+            options: Nothing can be chosen yet.
+
+        Returns:
+            Observation and info, see the class.
+
+        Raises:
+            ValueError: If there is an option.
+        """
+        if options:
+            raise ValueError(f"options={options}: must be None or empty")
         super().reset(seed=seed)
         if seed is not None:
             self._env.set_seed(seed)
-        return self._split(self._env.reset())
+        observed = self._env.reset()
+        self._is_running = True
+        if self._renderer is not None:
+            self._renderer.start(observed)
+        return self._split(observed)
 
     def step(
         self, action: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for one time step."""
-        command = torch.as_tensor(np.asarray(action, dtype=np.float32)).reshape(1, 2)
-        stepped = self._env.step(TensorDict({keys.ACTION: command}, [1]))["next"]
+        """Drive for one time step.
+
+        Args:
+            action: ``(2,)`` (v, w) in m/s and rad/s, clipped to the robot's limits.
+
+        Returns:
+            Observation, reward, terminated, truncated and info, see the class.
+
+        Raises:
+            ValueError: If the action has another shape or is not finite.
+            ResetNeeded: If the episode has ended or none has begun.
+        """
+        if not self._is_running:
+            raise ResetNeeded("step() without a running episode: call reset() first")
+        command = torch.as_tensor(np.asarray(action, dtype=np.float32))
+        if command.shape != (2,):
+            raise ValueError(f"action.shape={tuple(command.shape)}: must be (2,)")
+        stepped = self._env.step(TensorDict({keys.ACTION: command[None]}, [1]))["next"]
+        terminated, truncated = bool(stepped["terminated"]), bool(stepped["truncated"])
+        self._is_running = not (terminated or truncated)
+        if self._renderer is not None:
+            self._renderer.add(command, stepped)
         observation, info = self._split(stepped)
-        return (
-            observation,
-            float(stepped["reward"]),
-            bool(stepped["terminated"]),
-            bool(stepped["truncated"]),
-            info,
-        )
+        return observation, float(stepped["reward"]), terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:
+        """Return the present moment ``[H, W, 3]`` uint8, or ``None`` without a ``render_mode``.
+
+        Raises:
+            ResetNeeded: If no episode has begun.
+        """
+        if self._renderer is None:
+            gymnasium.logger.warn('render() without render_mode="rgb_array" returns None')
+            return None
+        return self._renderer.frame()
 
     def close(self) -> None:
         """Release the simulator."""
@@ -83,7 +161,12 @@ class GymnasiumNavigation(gymnasium.Env):
     @staticmethod
     def _split(tensordict: TensorDictBase) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         observation = {key: tensordict[key][0].numpy().copy() for key in OBSERVED}
-        info: dict[str, Any] = {"outcome": Outcome(int(tensordict[keys.OUTCOME])).name.lower()}
+        outcome = np.int64(tensordict[keys.OUTCOME].item())
+        # An array, since gymnasium's vector environments stack NumPy's scalar bool as objects.
+        info: dict[str, Any] = {
+            "outcome": outcome,
+            "is_success": np.array(outcome == Outcome.SUCCESS),
+        }
         terms = tensordict[keys.REWARD_TERMS].items()
-        info.update({f"reward_{name}": float(value) for name, value in terms})
+        info.update({f"reward_{name}": np.float32(value.item()) for name, value in terms})
         return observation, info

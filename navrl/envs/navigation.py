@@ -20,7 +20,10 @@ from navrl.worlds import MAX_PATH_POINTS, ScenarioBatch, ScenarioPool
 
 RewardTerm = Callable[[Transition], Tensor]
 
-_STATE = ("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position")
+_STATE = (
+    *("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position"),
+    *("_ranges", "_outcome"),
+)
 
 
 class NavigationEnv(EnvBase):
@@ -49,6 +52,9 @@ class NavigationEnv(EnvBase):
     its path. **End**: ``terminated`` on collision or goal; ``truncated`` at the step limit, so that
     a value still bootstraps there.
 
+    **Partial reset**: the other rows carry what was observed last, so that running statistics
+    directly behind the environment (VecNorm) see no zeros.
+
     Args:
         simulator: Worlds to act in; its number of worlds is the batch size.
         scenarios: Where training scenarios are drawn from; ``None`` if :meth:`set_scenarios` is
@@ -57,7 +63,8 @@ class NavigationEnv(EnvBase):
         goal_radius: m.
         time_limit_steps: Steps after which an episode is truncated.
         privileged: Whether the true state is observed too.
-        seed: Seed of the environment's generator.
+        seed: Seed of the environment's generator; ``None`` draws one from the operating system, so
+            that environments without a seed differ. Global generators are never touched.
 
     Raises:
         ValueError: If a limit is not positive.
@@ -83,6 +90,7 @@ class NavigationEnv(EnvBase):
                 f"goal_radius={goal_radius}, time_limit_steps={time_limit_steps}: must be > 0"
             )
         super().__init__(device=simulator.device, batch_size=[simulator.num_worlds])
+        self.is_closed = False  # TorchRL's initial value is True, so close() would do nothing
         self.simulator = simulator
         self.scenarios = scenarios if scenarios is None else scenarios.to(self.device)
         self.rewards = {name: term for name, term in rewards.items() if term is not None}
@@ -93,7 +101,7 @@ class NavigationEnv(EnvBase):
         self._generator = torch.Generator()
         self._allocate()
         self._make_specs()
-        self.set_seed(seed if seed is not None else torch.seed() % 2**31)
+        self.set_seed(seed)
 
     def set_scenarios(self, scenarios: ScenarioBatch | None) -> None:
         """Fix what each world plays from its next reset on; ``None`` returns to drawing.
@@ -122,6 +130,10 @@ class NavigationEnv(EnvBase):
         self._noise_seed = torch.zeros(n, dtype=torch.int64, device=device)
         self._steps = torch.zeros(n, dtype=torch.int64, device=device)
         self._progress = torch.zeros(n, device=device)
+        # What was observed last: a partial reset returns it for the other worlds.
+        self._ranges = torch.zeros(n, self.simulator.lidar.num_beams, device=device)
+        self._outcome = torch.full((n,), Outcome.RUNNING, dtype=torch.int64, device=device)
+        self._terms = {name: torch.zeros(n, 1, device=device) for name in self.rewards}
 
     def _make_specs(self) -> None:
         n, device = self.simulator.num_worlds, self.device
@@ -156,13 +168,17 @@ class NavigationEnv(EnvBase):
         )
 
     def _set_seed(self, seed: int | None) -> None:
-        self._generator.manual_seed(0 if seed is None else seed)
+        if seed is None:
+            self._generator.seed()  # the operating system's entropy
+        else:
+            self._generator.manual_seed(seed)
 
     def episode_state(self) -> dict[str, Tensor | dict[str, Tensor]]:
         """Return all that a resumed environment needs to go on bit for bit."""
         return {
             "simulator": self.simulator.state_dict(),
             "generator": self._generator.get_state(),
+            "reward_terms": {name: value.clone() for name, value in self._terms.items()},
             **{name: getattr(self, name).clone() for name in _STATE},
         }
 
@@ -171,7 +187,10 @@ class NavigationEnv(EnvBase):
         self.simulator.load_state_dict(state["simulator"])
         self._generator.set_state(state["generator"])
         for name in _STATE:
-            setattr(self, name, state[name].to(self.device).clone())
+            if name in state:  # older states lack what was observed last
+                setattr(self, name, state[name].to(self.device).clone())
+        for name, value in state.get("reward_terms", {}).items():
+            self._terms[name] = value.to(self.device).clone()
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         """Close the simulator too."""
@@ -181,7 +200,12 @@ class NavigationEnv(EnvBase):
 
     # --- dynamics --------------------------------------------------------------------------------
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
+    def _reset(self, tensordict: TensorDictBase | None = None, **unknown: object) -> TensorDictBase:
+        if unknown:
+            raise ValueError(
+                f"reset({', '.join(f'{name}={value!r}' for name, value in unknown.items())}): must "
+                f"be a TensorDict only; set_seed() and set_scenarios() choose what is played"
+            )
         mask = None if tensordict is None else tensordict.get("_reset", None)
         n = self.simulator.num_worlds
         every = torch.arange(n, device=self.device)
@@ -199,13 +223,12 @@ class NavigationEnv(EnvBase):
         self._position = state.pose[:, :2]
         progress, _ = project_onto_path(path, self._position[worlds])
         self._progress = self._progress.index_put((worlds,), progress)
-        zeros = torch.zeros(n, 1, device=self.device)
-        terms = dict.fromkeys(self.rewards, zeros)
-        outcome = torch.full_like(state.contact, Outcome.RUNNING)
+        # The other worlds keep what was observed last, as statistics of whole batches need it.
         noisy = self._noisy_ranges(self.simulator.ranges(worlds), worlds)
-        if len(worlds) < n:  # TorchRL keeps the other rows as they were
-            noisy = noisy.new_zeros(n, noisy.shape[-1]).index_copy_(0, worlds, noisy)
-        return self._observe(state, noisy, outcome, terms)
+        ranges = self._ranges.index_copy(0, worlds, noisy)
+        outcome = self._outcome.index_fill(0, worlds, Outcome.RUNNING)
+        terms = {name: value.index_fill(0, worlds, 0.0) for name, value in self._terms.items()}
+        return self._observe(state, ranges, outcome, terms)
 
     def _draw(self, worlds: Tensor) -> ScenarioBatch:
         if self._fixed is not None:
@@ -260,6 +283,7 @@ class NavigationEnv(EnvBase):
     def _observe(
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
     ) -> TensorDict:
+        self._ranges, self._outcome, self._terms = ranges, outcome, dict(terms)
         observation = {
             keys.RANGES: ranges,
             keys.POSE: state.pose,

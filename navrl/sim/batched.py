@@ -216,6 +216,14 @@ class BatchedSimulator(Simulator):
         )
         return out
 
+    def walls(self, world: int) -> Tensor:
+        rows = self._rows
+        if bool(rows["pose"][world].isnan().any()):
+            raise RuntimeError(f"world {world} must be reset first")
+        walls = rows["walls"][world, : int(rows["num_walls"][world])]
+        yaw = torch.atan2(walls[:, 5], walls[:, 4])
+        return torch.cat((walls[:, :4], yaw[:, None]), dim=-1)
+
     def state_dict(self) -> dict[str, Tensor]:
         return {name: rows.clone() for name, rows in self._rows.items()}
 

@@ -198,6 +198,11 @@ class BulletSimulator(Simulator):
         self._is_scanned[chosen] = True
         return self._scans[chosen]  # a copy
 
+    def walls(self, world: int) -> Tensor:
+        self._check_ready()
+        row = self._scenarios.row(world)
+        return row["boxes"][: int(row["num_boxes"])].clone()
+
     def render(self, world: int = 0, width: int = 640, height: int = 480) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of a world from above; needs no display.
 

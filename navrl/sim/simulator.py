@@ -135,6 +135,20 @@ class Simulator(ABC):
             RuntimeError: one of the worlds has not been reset yet.
         """
 
+    @abstractmethod
+    def walls(self, world: int) -> Tensor:
+        """Return the walls of one world, for pictures.
+
+        Args:
+            world: Index of the world.
+
+        Returns:
+            [W, 5] float64 boxes (cx, cy, hx, hy, yaw), m and rad, world frame.
+
+        Raises:
+            RuntimeError: the world has not been reset yet.
+        """
+
     def rest(self, worlds: Tensor) -> None:  # noqa: B027, to ignore it is the rule
         """Say which worlds nobody needs any more until they are reset.
 

@@ -180,7 +180,8 @@ def _draw_pedestrians(axes: Axes, recording: Recording, step: int) -> None:
     first = max(0, step - round(TRAIL_S / recording.time_step_s))
     # A contact stops the clock within the last step: that one would show people too slow.
     now = min(max(step, 1), max(recording.num_steps - 1, 1))
-    velocity = (boxes[now, :, :2] - boxes[now - 1, :, :2]) / recording.time_step_s
+    now = min(now, recording.num_steps)  # an episode that has only begun shows no velocity
+    velocity = (boxes[now, :, :2] - boxes[max(now - 1, 0), :, :2]) / recording.time_step_s
     present = np.isfinite(boxes[step, :, 0])
     moving = present & (np.linalg.norm(velocity, axis=-1) > _MOVING_M_S)
     for k in np.flatnonzero(moving):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_all_start_methods, get_context
+from multiprocessing import current_process, get_all_start_methods, get_context
 from typing import Protocol
 
 from navrl.worlds.batch import ScenarioBatch
@@ -79,7 +79,8 @@ class Suite:
 
     def _generate(self, indices: list[int], num_workers: int) -> list[Scenario]:
         sample = partial(self.distribution.sample, self.scenes, self.seed)
-        if num_workers <= 1 or len(indices) < 32:
+        # A daemonic process, as vector environments start them, may not have children.
+        if num_workers <= 1 or len(indices) < 32 or current_process().daemon:
             return [sample(index) for index in indices]
         # Never fork: this process may run threads of torch and of the kernels.
         method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"

@@ -1,12 +1,9 @@
-"""The environment keeps TorchRL's and gymnasium's contracts, and its own."""
+"""The environment keeps TorchRL's contract, and its own."""
 
-import gymnasium
 import pytest
 import torch
-from gymnasium.utils.env_checker import check_env
 from torchrl.envs.utils import check_env_specs
 
-import navrl  # noqa: F401  registers the environment
 from navrl import build
 from navrl.config import compose
 from navrl.envs import Outcome
@@ -23,16 +20,6 @@ def make(num_worlds=3, *, seed=0, privileged=True, overrides=()):
 @pytest.mark.parametrize("simulator", ["batched", "bullet"])
 def test_specs(simulator):
     check_env_specs(make(2, overrides=[f"simulator={simulator}"]), seed=0)
-
-
-def test_gymnasium_check_env():
-    env = gymnasium.make("navrl/Navigation-v0", overrides=SMALL)
-    check_env(env.unwrapped, skip_render_check=True)
-
-
-def test_gymnasium_refuses_unknown_keywords():
-    with pytest.raises(ValueError, match="typo"):
-        gymnasium.make("navrl/Navigation-v0", typo=1)
 
 
 def test_a_seed_fixes_the_episodes():

@@ -86,6 +86,13 @@ def test_unknown_readings_are_named(build, message):
         build()
 
 
+def test_outcome_codes_are_those_in_files():
+    names = ["RUNNING", "SUCCESS", "COLLISION_PEDESTRIAN", "COLLISION_STATIC", "TIMEOUT"]
+    assert {name: int(outcome) for name, outcome in Outcome.__members__.items()} == {
+        name: code for code, name in enumerate(names)
+    }
+
+
 @pytest.mark.parametrize(
     ("contact", "distance", "late", "expected"),
     [
@@ -103,3 +110,20 @@ def test_one_definition_of_how_an_episode_ends(contact, distance, late, expected
         torch.tensor([int(contact)]), torch.tensor([distance]), 0.2, torch.tensor([late])
     )
     assert outcome.tolist() == [expected]
+
+
+def test_default_weights_are_the_papers():
+    """Sec. IV-D: 10, 0.2 at 0.6 m, 3 below 0.5 m; goal and progress are navrl's own."""
+    assert (Collision().weight, Guidance().weight, Guidance().lookahead) == (10.0, 0.2, 0.6)
+    assert (Proximity().weight, Proximity().distance) == (3.0, 0.5)
+    assert (Goal().weight, Progress().weight, Progress().gamma) == (10.0, 2.0, 0.98)
+    assert Guidance().point == "before_move" and Proximity().measured_from == "lidar"
+    assert Progress().form == "difference"
+
+
+def test_potential_is_zero_at_the_goal_and_at_a_collision():
+    flags = torch.tensor([True, False])
+    for ending in ("reached", "collided"):
+        expected = [2.0 * 3.0, 2.0 * (0.5 * -0.1 + 0.2)]
+        step = transition(**{ending: flags})
+        check(Progress(2.0, "potential", gamma=0.5), expected, step)

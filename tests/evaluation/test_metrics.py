@@ -88,6 +88,12 @@ def test_time_without_progress_counts_going_back_and_round_in_place():
     assert value(metrics.time_without_progress, *corner, path=path, **LATE) == 0.0
 
 
+def test_a_millimeter_a_step_is_the_least_progress():
+    drive = along(0.0, 0.2, 0.2008, 0.2016, 0.2028, 0.204)  # twice 0.8 mm, twice 1.2 mm
+    found = value(metrics.time_without_progress, *drive, path=along(0.0, 2.0), **LATE)
+    assert found == pytest.approx(2 * 0.2)
+
+
 SPEEDS = along(0.0, 0.1, 0.3, 0.4, 0.4)  # 0.5, 1.0, 0.5, 0 m/s
 
 

@@ -8,10 +8,15 @@ from matplotlib.collections import LineCollection, PatchCollection, PolyCollecti
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
+from navrl.viz.live import FRAME_PIXELS, LiveScene
 from navrl.viz.scene import attention_scale, closest_step, draw_scene, scene_limits
 from navrl.viz.style import BLACK, GREEN, ORANGE
 
 BOTH = ("spatial", "temporal")
+OPTIONAL = (
+    *("points", "points_aligned", "tagd", "tagd_valid", "waypoints"),
+    *("spatial_attention", "temporal_attention"),
+)
 
 
 def drawn(recording, step, attention=BOTH, **options):
@@ -180,3 +185,23 @@ def test_bad_step_is_named(recording, step):
 def test_bad_attention_is_named(recording):
     with pytest.raises(ValueError, match="'special'"):
         draw_scene(Figure().subplots(), recording, 0, ["special"])
+
+
+def test_live_scene_draws_each_moment_at_one_size(recording):
+    scene, frames = LiveScene(), []
+    for steps in (0, 1, 5):
+        series = {
+            name: getattr(recording, name)[: steps + 1]
+            for name in ("pose", "ranges", "pedestrian_boxes")
+        }
+        begun = dataclasses.replace(
+            recording,
+            **{**dict.fromkeys(OPTIONAL), **series},
+            action=recording.action[:steps],
+            reward_terms={},
+            outcome="running",
+        )
+        frames.append(scene.draw(begun))
+    assert {frame.shape for frame in frames} == {(FRAME_PIXELS, FRAME_PIXELS, 3)}
+    assert all(frame.dtype == np.uint8 for frame in frames)
+    assert (frames[0] != frames[1]).any() and (frames[1] != frames[2]).any()

@@ -1,6 +1,7 @@
 """Scenarios are sound, determined by their numbers, and the same in every form."""
 
 import dataclasses
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -255,3 +256,9 @@ def test_a_pool_draws_the_same_on_each_device(device):
     )
     assert all(value.device.type == device for value in other.values())
     assert all(torch.equal(value, other[name].cpu()) for name, value in one.items())
+
+
+def test_daemonic_process_generates_without_children(monkeypatch):
+    """Vector environments start daemonic processes, and those may not have children."""
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    assert len(Suite("train", 0, 40, distribution("corridor")).scenarios(num_workers=2)) == 40

@@ -1,0 +1,91 @@
+"""A partial reset returns the present values of the worlds that are not reset."""
+
+import pytest
+import torch
+from torchrl.envs import Transform, TransformedEnv, VecNorm
+from torchrl.envs.transforms import VecNormV2
+
+from navrl import build
+from navrl.config import compose
+
+NUM_WORLDS = 4
+
+
+class ResetRecorder(Transform):
+    """Store what the environment hands to its transforms at a reset."""
+
+    seen = None
+
+    def _reset(self, tensordict, tensordict_reset):
+        self.seen = tensordict_reset.clone()
+        return tensordict_reset
+
+
+def make(simulator="batched"):
+    cfg = compose(
+        "train", ["scenario=corridor", "pool_size=8", "num_threads=1", f"simulator={simulator}"]
+    )
+    return build.make_navigation_env(cfg, NUM_WORLDS, build.make_pool(cfg), 0, privileged=True)
+
+
+def driven(env, steps=3):
+    td = env.reset()
+    for _ in range(steps):
+        td["action"] = torch.tensor([[0.8, 0.3]]).expand(NUM_WORLDS, 2)
+        td = env.step(td)["next"]
+    return td
+
+
+def reset_some(env, td):
+    mask = torch.tensor([[False], [True], [False], [False]])
+    return env.reset(td.clone().set("_reset", mask)), ~mask.squeeze(-1)
+
+
+@pytest.mark.parametrize("simulator", ["batched", "bullet"])
+@pytest.mark.parametrize("through", ["one reset", "two resets", "restored state"])
+def test_rows_not_reset_carry_present_values(simulator, through):
+    recorder = ResetRecorder()
+    env = TransformedEnv(make(simulator), recorder)
+    td = driven(env)
+    if through == "two resets":
+        td, _ = reset_some(env, td)
+    if through == "restored state":
+        state = env.base_env.episode_state()
+        recorder = ResetRecorder()
+        env = TransformedEnv(make(simulator), recorder)
+        env.base_env.load_episode_state(state)
+    _, kept = reset_some(env, td)
+    for key in env.base_env.observation_spec.keys(True, True):
+        assert torch.equal(recorder.seen[key][kept].nan_to_num(), td[key][kept].nan_to_num()), key
+    assert td["reward_terms", "progress"][kept].abs().min() > 0
+    assert (recorder.seen["outcome"][1] == 0).all()
+    assert all((term[1] == 0).all() for term in recorder.seen["reward_terms"].values())
+
+
+def test_rows_not_reset_keep_a_finished_outcome():
+    recorder = ResetRecorder()
+    env = TransformedEnv(make(), recorder)
+    td = driven(env, steps=60)
+    assert (td["outcome"] > 0).all()
+    _, kept = reset_some(env, td)
+    assert torch.equal(recorder.seen["outcome"][kept], td["outcome"][kept])
+
+
+@pytest.mark.parametrize("norm", [VecNorm, VecNormV2])
+def test_running_mean_has_no_zero_rows(norm):
+    recorder = ResetRecorder()
+    vec_norm = norm(in_keys=["ranges"], out_keys=["ranges_scaled"])
+    env = TransformedEnv(make()).append_transform(recorder).append_transform(vec_norm)
+    rows = [env.reset()["ranges"]]
+    td = env.rand_action(env.reset())
+    rows.append(recorder.seen["ranges"])
+    for _ in range(40):
+        td = env.step(td)["next"]
+        rows.append(td["ranges"])
+        td, _ = reset_some(env, td)
+        rows.append(td["ranges"])
+        td = env.rand_action(td)
+    mean = torch.cat(rows).mean()
+    assert mean > 1.0
+    loc = vec_norm.loc["ranges"]
+    torch.testing.assert_close(loc.mean(), mean, rtol=0.02, atol=0.0)
