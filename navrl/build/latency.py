@@ -16,7 +16,7 @@ from navrl import keys
 from navrl.benchmarks.measurement import frozen_objects, threads
 from navrl.build.evaluation import bundle_folder, make_contender
 from navrl.config import instantiate
-from navrl.deploy import PolicyRunner
+from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.evaluation import evaluate
 from navrl.evaluation.metrics import controller_latency
 from navrl.evaluation.stored import LATENCY
@@ -53,7 +53,11 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     cfg = cfg.copy()
     cfg.num_worlds = 1
     contender, bundle = make_contender(cfg), bundle_folder(cfg.policy)
-    runner = None if bundle is None else PolicyRunner.from_bundle(bundle, cfg.allow)
+    runner = (
+        None
+        if bundle is None
+        else PolicyRunner.from_bundle(bundle, cfg.allow, SafetyLimits.simulated())
+    )
     clock = _Clock(contender.policy, runner)
     with threads(1), frozen_objects(), torch.no_grad():
         for scenario in scenarios:
