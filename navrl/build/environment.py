@@ -120,8 +120,8 @@ def _cache_folder() -> Path:
 
 
 def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
-    """Append the perception transforms, then normalise actions to [-1, 1]."""
-    transformed = TransformedEnv(env, transforms)
+    """Append a clone of the perception transforms, then normalize actions to [-1, 1]."""
+    transformed = TransformedEnv(env, transforms.clone())
     transformed.append_transform(ActionScaling())
     for part in (env, transformed):
         _share_bounds(part.full_observation_spec)
