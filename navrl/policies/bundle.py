@@ -29,6 +29,12 @@ from safetensors.torch import load_file, save_file
 from tensordict.nn import TensorDictModule
 
 from navrl.policies.nodes import BundleError, build_node, check_nodes
+from navrl.policies.plausibility import (
+    KINDS,
+    check_finite_weights,
+    check_part,
+    check_weights_kind,
+)
 
 FORMAT = "navrl-policy-1"
 _PARTS = ("transforms", "actor", "lidar", "robot")
@@ -82,8 +88,10 @@ def save_bundle(
         card: Markdown.
 
     Raises:
-        ValueError: If a part is missing or holds what is not plain data.
+        ValueError: If a part is missing or holds what is not plain data, or if a weight is not
+            finite.
     """
+    check_finite_weights(actor, "actor")
     missing = [part for part in _PARTS if part not in config]
     if missing:
         raise ValueError(f"config: missing {missing}")
@@ -120,7 +128,9 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
 
     Raises:
         BundleError: If a file is missing, damaged or of another format, if the weights do not fit
-            the network, or if the config names a target that is not allowed.
+            the network or are not finite, if the config names a target that is not allowed, if a
+            part cannot be built, or if the robot's limits are beyond
+            :mod:`navrl.policies.plausibility`.
         ValueError: If ``allow`` is a single name.
     """
     if isinstance(allow, str):
@@ -134,7 +144,10 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     if not isinstance(actor, TensorDictModule):
         raise BundleError(f"actor: need a TensorDictModule, got {type(actor).__name__}")
     _load_weights(actor, folder / "weights.safetensors")
-    return PolicyBundle(folder, config, actor.eval(), metrics, allow)
+    bundle = PolicyBundle(folder, config, actor.eval(), metrics, allow)
+    for part in KINDS:
+        check_part(part, bundle.build(part))
+    return bundle
 
 
 def _read_config(file: Path) -> dict[str, Any]:
@@ -166,12 +179,14 @@ def _load_weights(actor: TensorDictModule, file: Path) -> None:
         weights = load_file(file)
     except (OSError, SafetensorError) as error:
         raise BundleError(f"{file}: {_reason(error)}") from error
+    check_weights_kind(weights, actor, str(file))
     try:
         actor.load_state_dict(weights)
     except RuntimeError as error:
         first, *others = str(error).split("\n\t")[1:] or [str(error)]
         more = f" (and {len(others)} more)" if others else ""
         raise BundleError(f"{file}: does not fit the actor: {first.strip()}{more}") from error
+    check_finite_weights(actor, str(file))
 
 
 def _reason(error: Exception) -> str:
