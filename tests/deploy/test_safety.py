@@ -1,8 +1,10 @@
 """A robot that cannot see, has arrived or is lost stands; any other drives as in simulation."""
 
+import dataclasses
 import math
 
 import numpy as np
+import pages
 import pytest
 import torch
 from tensordict.nn import TensorDictModule
@@ -286,3 +288,20 @@ def test_impossible_limits_are_named(values):
     ((name, value),) = values.items()
     with pytest.raises(ValueError, match=rf"{name}={value}: must be"):
         SafetyLimits(**values)
+
+
+# --- the page ------------------------------------------------------------------------------------
+
+PAGE = pages.ROOT / "docs" / "robots.md"
+
+
+def test_the_documented_example_drives(capsys):
+    (example,) = pages.blocks(PAGE, "python")
+    exec(compile(example, str(PAGE), "exec"), {})
+    assert capsys.readouterr().out.endswith(": drive\n")
+
+
+def test_the_page_lists_each_state_and_limit():
+    text = PAGE.read_text()
+    for name in (*DriveState, *(field.name for field in dataclasses.fields(SafetyLimits))):
+        assert f"`{name}`" in text
