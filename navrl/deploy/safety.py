@@ -1,7 +1,7 @@
 """Decide from scan, pose, path and command whether a robot may drive.
 
-Nothing here reads the policy: a policy that sees nothing answers with full speed, so what it is
-given and what it answers is checked around it.
+A policy cannot report that its input is unusable: on a scan without returns it commands full
+speed. So its input and its command are checked outside of it.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _MAX_YAW = 2.0 * math.pi  # rad; an angle in degrees exceeds it within a few deg
 
 
 class DriveState(StrEnum):
-    """State of a robot after a scan; in every state but ``DRIVE`` the command is zero.
+    """State of the runner after a scan; in every state but ``DRIVE`` the command is zero.
 
     - ``DRIVE``: the policy's command, within the robot's limits.
     - ``AT_GOAL``: the robot is within the goal radius of the path's last point.
     - ``OFF_PATH``: the robot is farther from its path than the policy was trained for.
     - ``BLOCKED``: something ahead is nearer than the lidar's minimum range.
-    - ``BLIND``: the scan does not show what is ahead, or gives no sign that the lidar works.
+    - ``BLIND``: the scan does not cover the sector ahead, or no beam shows that the lidar works.
     - ``BAD_COMMAND``: the policy's command is not finite.
     """
 
@@ -48,16 +48,16 @@ class SafetyLimits:
             paper Sec. V-A, as in training.
         max_path_distance: Largest distance to the path, m. 2.0: the shipped policies stay within
             1.6 m in simulation.
-        min_measured_share: Share of the beams that must measure a distance; fewer, and the lidar
+        min_measured_share: Share of the beams that must measure a distance; with fewer the lidar
             counts as dead. 0.01: a single person 3 m away covers 0.02 of the beams. A scan without
-            any return is the same in an empty place as from a dead lidar, so that a robot stops
-            there; 0 lets it drive on, if something else watches the lidar.
-        max_gap: Widest gap of neighboring invalid beams ahead, rad. 0.175 (10 deg): it hides a
-            robot's width from 2 m on.
+            any return is the same in an empty place as from a dead lidar, so the robot stops there;
+            0 lets it drive on, if the lidar is monitored by other means.
+        max_gap: Widest gap of neighboring invalid beams ahead, rad. 0.175 (10 deg): beyond 2 m it
+            can hide an obstacle as wide as the robot.
         sector: Half angle of what counts as ahead, rad; also behind, if the robot may reverse.
-        sensor_range: Largest distance a lidar can measure, m; a farther reading is invalid, unless
-            it is the scan's largest, which many drivers write where nothing returned. 100: beyond
-            planar lidars, and 10 cm if ranges are in mm.
+        sensor_range: Largest distance a lidar can measure, m; a larger reading is invalid, unless
+            it is the scan's maximum, which many drivers write for no return. 100: more than planar
+            lidars measure, and 10 cm if ranges are in mm.
 
     Raises:
         ValueError: If a value is outside of its range.
@@ -82,28 +82,28 @@ class SafetyLimits:
 
     @classmethod
     def simulated(cls) -> SafetyLimits:
-        """Return limits for simulated scans, whose beams all work: an empty scan is a free place.
+        """Return limits for simulated scans: every beam works, so an empty scan is free space.
 
-        The distance to the path is free too, as in training.
+        The distance to the path is not limited either, as in training.
         """
         return cls(max_path_distance=math.inf, min_measured_share=0.0)
 
 
 class ScanCheck:
-    """Tell returns, misses and invalid beams of a lidar's scans apart.
+    """Classify the beams of a lidar's scans, and the scan as usable or not.
 
-    A beam reads one of four things (REP 117 of ROS, and what drivers write beside it):
+    A beam is one of (REP 117 of ROS, and the codes of common drivers):
 
     - a *distance*: finite and positive;
-    - *no return*, so free to the largest range: positive infinity, zero, or the scan's largest
-      value, if that is at or beyond ``max_range``;
+    - *no return*, free up to the largest range: positive infinity, zero, or the scan's maximum, if
+      that is at least ``max_range``;
     - *too near*: negative infinity;
-    - *invalid*: NaN, negative, or farther than any lidar measures.
+    - *invalid*: NaN, negative, or larger than ``sensor_range``.
 
     Args:
         lidar: Number of beams, largest range, and mount of the scans.
         robot: Its radius, and whether it may reverse.
-        limits: What counts as blind.
+        limits: Limits for a blind scan.
     """
 
     def __init__(self, lidar: Lidar, robot: DifferentialDrive, limits: SafetyLimits) -> None:
@@ -131,7 +131,7 @@ class ScanCheck:
     def cleaned(self, ranges: np.ndarray) -> np.ndarray:
         """Return the scan ``[num_beams]`` m as a simulated lidar would give it, float32.
 
-        What is no return or invalid reads ``max_range``; what is too near touches the hull.
+        No return and invalid become ``max_range``; too near becomes the robot's radius.
         """
         is_return = (ranges > 0.0) & (ranges <= self._max_range)
         cleaned = np.where(is_return, ranges, self._max_range)
@@ -149,7 +149,7 @@ class ScanCheck:
 
 
 def path_state(pose: np.ndarray, path: np.ndarray, limits: SafetyLimits) -> DriveState:
-    """Return ``AT_GOAL``, ``OFF_PATH`` or ``DRIVE`` by where the robot is.
+    """Return ``AT_GOAL``, ``OFF_PATH`` or ``DRIVE`` for the robot's position.
 
     Args:
         pose: ``[3]`` float64 (x, y, yaw), m and rad.

@@ -1,4 +1,4 @@
-"""Checks of a bundle's values that reach the wheels: weights, and the limits of the robot."""
+"""Checks of a bundle's weights and of its robot's limits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from navrl.policies.nodes import BundleError
 from navrl.sim import DifferentialDrive, Lidar
 
 KINDS = {"transforms": Transform, "lidar": Lidar, "robot": DifferentialDrive}
-"""What each part of a bundle beside the actor must be."""
+"""Type of each part of a bundle beside the actor."""
 
 MAX_SPEED = 10.0
 """m/s, largest speed that a bundle may ask for; the fastest indoor bases reach 3."""
@@ -22,7 +22,7 @@ MAX_TURN_RATE = 8.0 * math.pi
 
 
 def check_weights_kind(weights: Mapping[str, Tensor], actor: nn.Module, place: str) -> None:
-    """Hold stored weights to numbers of the kind that the actor computes with.
+    """Check that stored weights are floating point where the actor's are.
 
     Args:
         weights: As stored.
@@ -30,8 +30,8 @@ def check_weights_kind(weights: Mapping[str, Tensor], actor: nn.Module, place: s
         place: Name of the weights in messages.
 
     Raises:
-        BundleError: If a whole number stands where the actor has a real one, or the reverse:
-            PyTorch would convert it in silence.
+        BundleError: If integers are stored for a floating-point weight, or the reverse; PyTorch
+            would convert them without a warning.
     """
     own = actor.state_dict()
     for name, stored in weights.items():
@@ -43,7 +43,7 @@ def check_weights_kind(weights: Mapping[str, Tensor], actor: nn.Module, place: s
 
 
 def check_finite_weights(actor: nn.Module, place: str) -> None:
-    """Hold the actor's weights to be finite in the precision that it computes with.
+    """Check that the actor's weights are finite in the actor's own precision.
 
     Raises:
         BundleError: At the first weight with a value that is not.
@@ -55,11 +55,11 @@ def check_finite_weights(actor: nn.Module, place: str) -> None:
 
 
 def check_part(part: str, built: Any) -> None:
-    """Hold a part of a bundle to its kind, and a robot to limits that robots have.
+    """Check the type of a bundle's part, and that a robot's limits are plausible.
 
     Args:
         part: A name in :data:`KINDS`.
-        built: What its node makes.
+        built: Object that its node builds.
 
     Raises:
         BundleError: If it is of another kind, if a speed exceeds :data:`MAX_SPEED`, or if the turn

@@ -55,7 +55,7 @@ def test_commands_are_those_of_the_simulated_episode(experiment):
 
 
 @pytest.mark.parametrize("policy", ["paper", "navrl-best"])
-def test_a_trained_policy_drives_a_whole_episode_within_the_limits(policy):
+def test_trained_policy_drives_an_episode_in_one_state(policy):
     changes = [f"policy={policy}", "suite=table1", "episode=3"]
     episode = build.record(compose("play", changes))
     runner = PolicyRunner.from_bundle(ZOO / policy)

@@ -1,4 +1,4 @@
-"""A robot that cannot see, has arrived or is lost stands; any other drives as in simulation."""
+"""The runner stops a robot that is blind, blocked, lost or at its goal."""
 
 import dataclasses
 import math
@@ -77,14 +77,14 @@ def check(limits=None, robot=None, **lidar):
 # --- the scan ------------------------------------------------------------------------------------
 
 
-def test_a_working_lidar_drives(runner):
+def test_working_lidar_drives(runner):
     runner.reset()
     assert runner.act(corridor(), (0, 0, 0), PATH)[0] > 0.9
     assert runner.state is DriveState.DRIVE
 
 
 @pytest.mark.parametrize("name", DEAD)
-def test_a_dead_lidar_stands(runner, name):
+def test_dead_lidar_stops_the_robot(runner, name):
     for is_moving in (False, True):
         runner.reset()
         if is_moving:
@@ -94,7 +94,7 @@ def test_a_dead_lidar_stands(runner, name):
 
 
 @pytest.mark.parametrize("degree", [0, 60, -90])
-def test_a_reading_nearer_than_the_minimum_range_stands(runner, degree):
+def test_reading_below_minimum_range_ahead_stops_the_robot(runner, degree):
     ranges = corridor()
     ranges[degree * DEGREE] = -np.inf
     runner.reset()
@@ -103,7 +103,7 @@ def test_a_reading_nearer_than_the_minimum_range_stands(runner, degree):
     assert runner.act(corridor(), (0, 0, 0), PATH)[0] > 0.9
 
 
-def test_what_is_too_near_behind_is_seen_as_an_obstacle_at_the_hull():
+def test_reading_below_minimum_range_behind_is_an_obstacle():
     ranges = with_sector(-np.inf, 170, 190)
     scan_check = check()
     assert scan_check.state(ranges) is DriveState.DRIVE
@@ -112,7 +112,7 @@ def test_what_is_too_near_behind_is_seen_as_an_obstacle_at_the_hull():
     assert check(robot=DifferentialDrive(min_speed=-0.5)).state(ranges) is DriveState.BLOCKED
 
 
-def test_an_empty_place_is_blind_unless_the_option_says_otherwise():
+def test_scan_without_returns_is_blind_by_default():
     empty, person = np.full(BEAMS, np.inf), but(30, 3.0, np.inf)  # 0.4 m wide
     assert check().state(empty) is DriveState.BLIND
     assert check().state(person) is DriveState.DRIVE
@@ -122,19 +122,19 @@ def test_an_empty_place_is_blind_unless_the_option_says_otherwise():
         assert check(relaxed).state(DEAD[name]) is DriveState.BLIND
 
 
-def test_distances_beyond_the_policys_range_show_a_working_lidar():
+def test_distances_beyond_the_policy_range_are_measured():
     plaza = np.linspace(9.0, 18.0, BEAMS)
     assert check().state(plaza) is DriveState.DRIVE
     assert check().cleaned(plaza).tolist() == [3.5] * BEAMS
 
 
 @pytest.mark.parametrize(("degrees", "state"), [(10, DriveState.DRIVE), (11, DriveState.BLIND)])
-def test_invalid_beams_ahead_may_fill_ten_degrees(degrees, state):
+def test_gap_of_invalid_beams_ahead_is_limited(degrees, state):
     assert check().state(with_sector(np.nan, -5, degrees - 5)) is state
     assert check(SafetyLimits(max_gap=0.3)).state(with_sector(np.nan, -5, 6)) is DriveState.DRIVE
 
 
-def test_invalid_beams_behind_count_if_the_robot_may_reverse():
+def test_gap_behind_is_limited_if_the_robot_may_reverse():
     lidar_of_240_degrees = with_sector(np.nan, 120, 240)
     assert check().state(lidar_of_240_degrees) is DriveState.DRIVE
     assert check(SafetyLimits(sector=math.pi)).state(lidar_of_240_degrees) is DriveState.BLIND
@@ -142,19 +142,19 @@ def test_invalid_beams_behind_count_if_the_robot_may_reverse():
     assert check(robot=reversing).state(lidar_of_240_degrees) is DriveState.BLIND
 
 
-def test_ahead_is_ahead_of_the_robot_not_of_the_lidar():
+def test_sector_ahead_follows_the_lidar_mount():
     behind = with_sector(np.nan, 120, 240)
     assert check(mount=(0.0, 0.0, math.pi)).state(behind) is DriveState.BLIND
     assert check(mount=(0.0, 0.0, math.pi)).state(with_sector(np.nan, -60, 60)) is DriveState.DRIVE
 
 
-def test_two_beams_in_three_may_be_lost_at_random():
+def test_two_thirds_of_beams_lost_at_random_is_not_blind():
     ranges = corridor()
     ranges[np.random.default_rng(0).random(BEAMS) < 0.66] = np.nan
     assert check().state(ranges) is DriveState.DRIVE
 
 
-def test_a_blind_scan_is_not_remembered(runner):
+def test_blind_scan_is_not_remembered(runner):
     near = with_sector(1.0, -20, 20)
     commands = []
     for blind in ([], [DEAD["all inf"], DEAD["all NaN"]]):
@@ -170,20 +170,20 @@ def test_a_blind_scan_is_not_remembered(runner):
 
 
 @pytest.mark.parametrize("x", [3.81, 4.0, 4.19])
-def test_a_robot_at_the_goal_stands(runner, x):
+def test_robot_at_the_goal_stops(runner, x):
     runner.reset()
     assert runner.act(corridor(), (x, 0, 0), PATH).tolist() == [0.0, 0.0]
     assert runner.state is DriveState.AT_GOAL
 
 
-def test_a_robot_outside_of_the_goal_radius_drives_on(runner):
+def test_robot_outside_the_goal_radius_drives(runner):
     runner.reset()
     runner.act(corridor(), (3.7, 0, 0), PATH)
     assert runner.state is DriveState.DRIVE
 
 
 @pytest.mark.parametrize("pose", [(1, 5, 0), (1, -2.1, 0), (7, 0, 0), (3e38, 0, 0), (1e3, 1e3, 0)])
-def test_a_robot_far_from_its_path_stands_and_forgets_the_pose(runner, pose):
+def test_robot_far_from_its_path_stops_and_forgets_the_pose(runner, pose):
     commands = []
     for is_lost in (False, True):
         runner.reset()
@@ -195,7 +195,7 @@ def test_a_robot_far_from_its_path_stands_and_forgets_the_pose(runner, pose):
     assert np.array_equal(*commands)
 
 
-def test_the_distance_to_the_path_is_measured_between_its_points():
+def test_path_distance_is_measured_to_its_segments():
     limits = SafetyLimits(max_path_distance=0.5)
     runner = constant([1.0, 0.0], limits=limits)
     for y, state in ((0.4, DriveState.DRIVE), (0.6, DriveState.OFF_PATH)):
@@ -205,7 +205,7 @@ def test_the_distance_to_the_path_is_measured_between_its_points():
     assert runner.state is DriveState.DRIVE
 
 
-def test_places_in_large_coordinates_are_told_apart():
+def test_states_are_exact_in_large_coordinates():
     east, north = 5e5, 5.6e6  # m, UTM: float32 is 0.5 m apart there
     path = np.array(PATH) + np.array([east, north])
     runner = constant([1.0, 0.0])
@@ -218,19 +218,19 @@ def test_places_in_large_coordinates_are_told_apart():
 
 
 @pytest.mark.parametrize("action", [[math.nan, 0.0], [0.5, math.nan], [math.inf, 0.0]])
-def test_a_command_that_is_not_finite_becomes_zero(action):
+def test_non_finite_command_becomes_zero(action):
     runner = constant(action)
     assert runner.act(corridor(), (0, 0, 0), PATH).tolist() == [0.0, 0.0]
     assert runner.state is DriveState.BAD_COMMAND
 
 
-def test_a_command_beyond_the_robots_limits_is_clipped():
+def test_command_beyond_the_limits_is_clipped():
     runner = constant([7.0, -9.0], DifferentialDrive(max_speed=0.4, max_turn_rate=0.5))
     np.testing.assert_allclose(runner.act(corridor(), (0, 0, 0), PATH), [0.4, -0.5])
     assert runner.state is DriveState.DRIVE
 
 
-def test_a_shield_made_for_a_faster_robot_keeps_to_the_limits():
+def test_shield_of_a_faster_robot_is_clipped():
     bundle = load_bundle(ZOO / "navrl-best")
     robot = bundle.build("robot", max_speed=0.05)
     runner = PolicyRunner(bundle.build("transforms"), bundle.actor, bundle.build("lidar"), robot)
@@ -242,7 +242,7 @@ def test_a_shield_made_for_a_faster_robot_keeps_to_the_limits():
 
 
 @pytest.mark.parametrize("fault", ["raises", "not finite"])
-def test_a_failed_decision_is_not_remembered(fault):
+def test_failed_decision_is_not_remembered(fault):
     bundle = load_bundle(ZOO / "paper")
     parts = (bundle.build(part) for part in ("lidar", "robot"))
     broken = {"now": False}
@@ -284,7 +284,7 @@ def test_a_failed_decision_is_not_remembered(fault):
         {"sensor_range": -1.0},
     ],
 )
-def test_impossible_limits_are_named(values):
+def test_invalid_limits_are_named(values):
     ((name, value),) = values.items()
     with pytest.raises(ValueError, match=rf"{name}={value}: must be"):
         SafetyLimits(**values)
@@ -295,13 +295,13 @@ def test_impossible_limits_are_named(values):
 PAGE = pages.ROOT / "docs" / "robots.md"
 
 
-def test_the_documented_example_drives(capsys):
+def test_documented_example_drives(capsys):
     (example,) = pages.blocks(PAGE, "python")
     exec(compile(example, str(PAGE), "exec"), {})
     assert capsys.readouterr().out.endswith(": drive\n")
 
 
-def test_the_page_lists_each_state_and_limit():
+def test_page_lists_each_state_and_limit():
     text = PAGE.read_text()
     for name in (*DriveState, *(field.name for field in dataclasses.fields(SafetyLimits))):
         assert f"`{name}`" in text

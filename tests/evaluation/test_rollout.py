@@ -210,7 +210,7 @@ def test_whoever_does_not_plan_solves_neither_more_nor_less(envs, batch, records
 
 @pytest.mark.parametrize("num_worlds", [1, 3])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_an_action_that_is_not_finite_is_an_error(envs, batch, records, num_worlds, value):
+def test_non_finite_action_is_an_error_of_its_episode(envs, batch, records, num_worlds, value):
     """Of its own episode alone, which ends there."""
 
     def policy(tensordict):

@@ -228,7 +228,7 @@ def test_what_cannot_be_an_actor_is_explained(folder, part, node, message):
         load_bundle(folder)
 
 
-# --- values that reach the wheels ----------------------------------------------------------------
+# --- weights and robot limits --------------------------------------------------------------------
 
 
 def stored(folder, change):
@@ -261,7 +261,7 @@ def poked(value, dtype=torch.float32):
         (lambda weight: weight.to(torch.complex64), "must be floating point"),
     ],
 )
-def test_weights_that_cannot_be_computed_with_are_refused(folder, change, message):
+def test_non_finite_or_integer_weights_are_refused(folder, change, message):
     with pytest.raises(BundleError, match=rf"weights\.safetensors: .*{message}"):
         load_bundle(stored(folder, change))
 
@@ -272,7 +272,7 @@ def test_weights_in_another_precision_are_loaded(folder, dtype):
     assert bundle.actor.get_parameter("module.output.0.weight").dtype == torch.float32
 
 
-def test_weights_that_are_not_finite_are_not_saved(folder, actor):
+def test_non_finite_weights_are_not_saved(folder, actor):
     broken = copy.deepcopy(actor)
     broken.get_parameter("module.output.0.weight").data[0, 0] = float("nan")
     with pytest.raises(ValueError, match=r"module\.output\.0\.weight: value=nan: must be finite"):
@@ -291,7 +291,7 @@ def test_weights_that_are_not_finite_are_not_saved(folder, actor):
         ({"max_speed": "fast"}, "robot: "),
     ],
 )
-def test_limits_that_no_robot_has_are_refused(folder, values, message):
+def test_implausible_robot_limits_are_refused(folder, values, message):
     with pytest.raises(BundleError, match=message):
         load_bundle(edited(folder, lambda config: config["robot"].update(values)))
 
@@ -312,7 +312,7 @@ def test_limits_of_a_fast_robot_are_allowed(folder):
         ("robot", {"_target_": "navrl.sim.Lidar"}, "robot: must be a DifferentialDrive"),
     ],
 )
-def test_every_part_is_built_before_it_is_needed(folder, part, node, message):
+def test_every_part_is_built_at_load(folder, part, node, message):
     with pytest.raises(BundleError, match=message):
         load_bundle(edited(folder, lambda config: config.update({part: node})))
 
