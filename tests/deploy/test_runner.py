@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from tensordict.nn import TensorDictModule
+from torchrl.envs import Transform
 
 from navrl import build
 from navrl.build.training import deployed
@@ -12,6 +14,7 @@ from navrl.envs.navigation import NavigationEnv
 from navrl.evaluation.recording import record_episode
 from navrl.policies import ZOO, load_bundle
 from navrl.sim import BatchedSimulator
+from navrl.transforms import compose as compose_steps
 
 EXPERIMENTS = ["paper", "no_tagd", "subgoal", "liang", "liang_original", "navrl-best"]
 AHEAD = [(0.0, 0.0), (2.0, 0.5)]
@@ -100,6 +103,8 @@ def test_a_beam_without_return_may_read_anything(runner, miss):
         (clear(), (0, 0, -45.0), AHEAD, "yaw=-45: must be in rad"),
         (clear(), (0, 0, 0), [(0, 0, 0)], r"path: need shape \[P, 2\]"),
         (clear(), (0, 0, 0), np.zeros((201, 2)), "P from 1 to 200"),
+        (clear(), (0, 0, 0), np.zeros((0, 2)), "P from 1 to 200"),
+        (clear(), (0, 0, 6.3), AHEAD, "yaw=6.3: must be in rad"),
         (clear(), (0, 0, 0), [(0, 0), (np.inf, 0)], "path: a point is not finite"),
     ],
 )
@@ -135,16 +140,28 @@ def test_one_pipeline_serves_two_robots():
     assert len(transforms) == count and transforms.parent is None
 
 
-def test_runner_keeps_no_view_of_the_callers_arrays(runner):
-    near, farther = clear().astype(np.float32), clear().astype(np.float32)
-    near[:60], farther[:60] = 1.0, 1.1
-    commands = []
-    for reuses in (False, True):
-        runner.reset()
-        ranges, pose = near.copy(), np.zeros(3, np.float32)
-        path = np.array(AHEAD * 100, np.float32)  # 200 points: no padding
-        runner.act(ranges, pose, path)
-        if reuses:
-            ranges[:], pose[:], path[:] = 0.1, 1.0, 7.0
-        commands.append(runner.act(farther, (0, 0, 0), AHEAD))
-    assert np.array_equal(*commands)
+class PoseBefore(Transform):
+    """Write the pose of the step before."""
+
+    def _step(self, tensordict, next_tensordict):
+        return next_tensordict.set("pose_before", tensordict["pose"])
+
+    def _reset(self, tensordict, tensordict_reset):
+        return tensordict_reset.set("pose_before", tensordict_reset["pose"])
+
+    def transform_observation_spec(self, observation_spec):
+        return observation_spec.set("pose_before", observation_spec["pose"].clone())
+
+
+def test_runner_stores_no_view_of_the_callers_arrays():
+    drive = TensorDictModule(lambda pose: pose[:, :2], ["pose_before"], ["action"])
+    bundle = load_bundle(ZOO / "paper")
+    parts = (bundle.build(part) for part in ("lidar", "robot"))
+    runner = PolicyRunner(compose_steps(before=PoseBefore()), drive, *parts)
+    ranges, pose = clear().astype(np.float32), np.array([0.5, 0.25, 0.0], np.float32)
+    path = np.array(AHEAD * 100, np.float32)  # 200 points: no padding
+    runner.act(ranges, pose, path)
+    for array in (ranges, pose, path):
+        array[:] = 0.0  # as a driver reuses its buffers
+    command = runner.act(clear(), (0, 0, 0), AHEAD)
+    np.testing.assert_allclose(command, [0.75, 0.25 * np.pi], rtol=1e-6)

@@ -44,6 +44,7 @@ DEAD = {
     "all zero": np.zeros(BEAMS),
     "all the policy's largest range": np.full(BEAMS, 3.5),
     "all the sensor's largest range": np.full(BEAMS, 25.0),
+    "inf and the sensor's largest range": but(700, 25.0, np.inf),
     "all NaN": np.full(BEAMS, np.nan),
     "all negative": np.full(BEAMS, -1.0),
     "all NaN but one": but(1, 3.0, np.nan),
@@ -120,6 +121,29 @@ def test_scan_without_returns_is_blind_by_default():
     assert check(relaxed).state(empty) is DriveState.DRIVE
     for name in ("all NaN", "all negative", "millimetres", "NaN ahead"):
         assert check(relaxed).state(DEAD[name]) is DriveState.BLIND
+
+
+def test_scan_in_millimeters_measures_nothing():
+    assert check(SafetyLimits(max_gap=7.0)).state(DEAD["millimetres"]) is DriveState.BLIND
+
+
+@pytest.mark.parametrize("code", [25.0, 65.533, 655.35, 3e38, np.inf, 0.0])
+def test_code_for_no_return_is_free(code):
+    ranges = with_sector(code, -30, 30)
+    assert check().state(ranges) is DriveState.DRIVE
+    assert (check().cleaned(ranges)[: 30 * DEGREE] == 3.5).all()
+
+
+def test_simulated_scans_may_be_empty_and_far_from_the_path():
+    runner = constant([1.0, 0.0], limits=SafetyLimits.simulated())
+    runner.act(np.full(BEAMS, 3.5), (0, 9, 0), PATH)
+    assert runner.state is DriveState.DRIVE
+
+
+def test_limits_reach_the_runner_of_a_bundle():
+    runner = PolicyRunner.from_bundle(ZOO / "paper", limits=SafetyLimits(goal_radius=0.5))
+    runner.act(corridor(), (3.6, 0, 0), PATH)
+    assert runner.state is DriveState.AT_GOAL
 
 
 def test_distances_beyond_the_policy_range_are_measured():
@@ -228,6 +252,11 @@ def test_command_beyond_the_limits_is_clipped():
     runner = constant([7.0, -9.0], DifferentialDrive(max_speed=0.4, max_turn_rate=0.5))
     np.testing.assert_allclose(runner.act(corridor(), (0, 0, 0), PATH), [0.4, -0.5])
     assert runner.state is DriveState.DRIVE
+
+
+def test_reversing_robot_gets_its_own_limits():
+    runner = constant([-1.0, 0.0], DifferentialDrive(min_speed=-0.5))
+    np.testing.assert_allclose(runner.act(corridor(), (0, 0, 0), PATH), [-0.5, 0.0], atol=1e-6)
 
 
 def test_shield_of_a_faster_robot_is_clipped():

@@ -272,6 +272,17 @@ def test_weights_in_another_precision_are_loaded(folder, dtype):
     assert bundle.actor.get_parameter("module.output.0.weight").dtype == torch.float32
 
 
+def test_weights_that_the_actor_lacks_are_refused(folder):
+    file = folder / "weights.safetensors"
+    save_file({**load_file(file), "extra": torch.zeros(1, dtype=torch.int8)}, file)
+    with pytest.raises(BundleError, match=r'Unexpected key.*"extra"'):
+        load_bundle(folder)
+
+
+def test_every_file_is_readable_for_all(folder):
+    assert all(file.stat().st_mode & 0o444 == 0o444 for file in folder.iterdir())
+
+
 def test_non_finite_weights_are_not_saved(folder, actor):
     broken = copy.deepcopy(actor)
     broken.get_parameter("module.output.0.weight").data[0, 0] = float("nan")
