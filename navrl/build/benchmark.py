@@ -27,7 +27,7 @@ from navrl.build.environment import (
 )
 from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.config import compose, instantiate
-from navrl.deploy import PolicyRunner
+from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
@@ -207,7 +207,9 @@ def _latency(cfg: DictConfig) -> Results:
     actor, _ = make_agent(cfg, observation_shapes(env))
     env.close()
     parts = (instantiate(cfg[part]) for part in ("lidar", "robot"))
-    runner = PolicyRunner(instantiate(cfg.transforms), actor.eval(), *parts)
+    runner = PolicyRunner(
+        instantiate(cfg.transforms), actor.eval(), *parts, SafetyLimits.simulated()
+    )
     return benchmarks.latency_rows(runner, drive, cfg.effort.repeats)
 
 

@@ -125,13 +125,13 @@ def _cache_folder() -> Path:
 
 
 def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
-    """Append the perception transforms, then normalise actions to [-1, 1].
+    """Append a clone of the perception transforms, then normalize actions to [-1, 1].
 
     Raises:
         ValueError: If the transforms assume another mount of the lidar.
     """
     check_mount(transforms, env.simulator.lidar.mount)
-    transformed = TransformedEnv(env, transforms)
+    transformed = TransformedEnv(env, transforms.clone())
     transformed.append_transform(ActionScaling())
     for part in (env, transformed):
         _share_bounds(part.full_observation_spec)

@@ -20,7 +20,7 @@ from navrl.build.overrides import PARTS, check_options, check_policy, check_suit
 from navrl.build.playing import finish, play_suite
 from navrl.build.run_folder import flat_values
 from navrl.config import CONF_DIR, instantiate
-from navrl.deploy import PolicyRunner
+from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
@@ -102,6 +102,8 @@ def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
 def make_runner(cfg: DictConfig) -> PolicyRunner | None:
     """Return what runs the policy on a robot, as ``cfg.change`` has it; ``None`` of a controller.
 
+    It decides on every simulated scan, an empty one too.
+
     Raises:
         BundleError: If the bundle is damaged or not allowed.
     """
@@ -111,7 +113,8 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
     bundle = load_bundle(folder, cfg.allow)
     local = _with_parts(cfg, bundle.config)
     parts = (instantiate(local[part]) for part in ("lidar", "robot"))
-    return PolicyRunner(instantiate(local.transforms), bundle.actor, *parts)
+    limits = SafetyLimits.simulated()
+    return PolicyRunner(instantiate(local.transforms), bundle.actor, *parts, limits)
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:

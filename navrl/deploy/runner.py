@@ -15,6 +15,14 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import ActionScaling, EnvBase, Transform, TransformedEnv
 
 from navrl import keys
+from navrl.deploy.safety import (
+    DriveState,
+    SafetyLimits,
+    ScanCheck,
+    check_yaw,
+    path_state,
+    safe_command,
+)
 from navrl.policies import load_bundle
 from navrl.sim import DifferentialDrive, Lidar
 from navrl.transforms.min_pool import check_mount
@@ -25,13 +33,20 @@ class PolicyRunner:
     """Run a policy on a robot: one call for each scan, the past is carried along.
 
     The numbers are those of the same policy in the same place of a simulation. Nothing but torch
-    and the transforms runs: no simulator, no environment.
+    and the transforms runs: no simulator, no environment. A robot that cannot see, that has
+    arrived or that is far from its path gets the command zero; :attr:`state` names the reason.
 
     Args:
-        transforms: From raw observations to network inputs, as in training.
+        transforms: From raw observations to network inputs, as in training. They are cloned: the
+            same ones may serve another robot.
         actor: Writes an action in [-1, 1].
         lidar: What the policy was trained with: number of beams, largest range and mount.
         robot: Limits of the command.
+        limits: When the robot may drive; by default those of :class:`SafetyLimits`.
+
+    Attributes:
+        state: :class:`DriveState` after the last call of :meth:`act`; ``None`` before the first one
+            and after one that raised.
 
     Raises:
         ValueError: If the transforms do not fit the lidar, naming the step.
@@ -39,37 +54,52 @@ class PolicyRunner:
     Example:
         >>> from navrl.policies import ZOO
         >>> runner = PolicyRunner.from_bundle(ZOO / "paper")
-        >>> command = runner.act(np.full(1440, 3.5), pose=(0.0, 0.0, 0.0), path=[(0, 0), (4, 0)])
+        >>> command = runner.act(np.full(1440, 2.0), pose=(0.0, 0.0, 0.0), path=[(0, 0), (4, 0)])
         >>> 0.0 <= command[0] <= 1.0
         True
+        >>> runner.act(np.full(1440, np.inf), (0.0, 0.0, 0.0), [(0, 0), (4, 0)]).tolist()
+        [0.0, 0.0]
+        >>> print(runner.state)
+        blind
     """
 
     def __init__(
-        self, transforms: Transform, actor: TensorDictModule, lidar: Lidar, robot: DifferentialDrive
+        self,
+        transforms: Transform,
+        actor: TensorDictModule,
+        lidar: Lidar,
+        robot: DifferentialDrive,
+        limits: SafetyLimits | None = None,
     ) -> None:
         check_mount(transforms, lidar.mount)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
-        senses = TransformedEnv(_Senses(lidar, robot), transforms)
+        self.limits = SafetyLimits() if limits is None else limits
+        self.state: DriveState | None = None
+        senses = TransformedEnv(_Senses(lidar, robot), transforms.clone())
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, built now: a misfit is told here and not at the first scan
         self._env, self._transform = senses, senses.transform
-        self._actor = actor
+        self._actor, self._robot = actor, robot
+        self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
 
     @classmethod
-    def from_bundle(cls, folder: str | Path, allow: Sequence[str] = ()) -> PolicyRunner:
+    def from_bundle(
+        cls, folder: str | Path, allow: Sequence[str] = (), limits: SafetyLimits | None = None
+    ) -> PolicyRunner:
         """Load a policy's folder: one of the zoo, or ``policy`` of a training run.
 
         Args:
             folder: The bundle.
             allow: See :func:`navrl.policies.load_bundle`.
+            limits: See :class:`PolicyRunner`.
 
         Raises:
             BundleError: If the bundle is damaged or not allowed.
         """
         bundle = load_bundle(folder, allow)
         parts = (bundle.build(part) for part in ("lidar", "robot"))
-        return cls(bundle.build("transforms"), bundle.actor, *parts)
+        return cls(bundle.build("transforms"), bundle.actor, *parts, limits)
 
     def reset(self) -> None:
         """Forget the past: the next scan is the first of a new drive."""
@@ -82,31 +112,57 @@ class PolicyRunner:
         Args:
             ranges: ``[num_beams]`` m, beam j at bearing ``2 pi j / num_beams``, counted
                 counter-clockwise from the lidar's x axis: straight ahead unless the policy's
-                ``lidar.mount`` is turned. A beam without return reads at least
-                ``max_range``, or NaN, infinity or zero, as drivers have it.
+                ``lidar.mount`` is turned. A beam without return reads at least the lidar's
+                ``max_range``, infinity or zero; one that is too near to be measured reads negative
+                infinity; NaN and other negative values are invalid (:class:`ScanCheck`).
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
             path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. It may change
                 between calls only together with :meth:`reset`: progress along it is remembered.
 
         Returns:
             ``[2]`` float32 (v, w), m/s and rad/s, within the robot's limits; to be driven until the
-            next scan, 0.2 s later in training.
+            next scan, 0.2 s later in training. Zero unless :attr:`state` is ``DRIVE``. What the
+            robot sensed is not remembered while it is blind or off its path, nor after a bad
+            command.
 
         Raises:
-            ValueError: If a shape does not fit, if pose or path is not finite, or if every beam is
-                NaN: a blind robot must not take the world for empty. Nothing is remembered then.
+            ValueError: If a shape does not fit, if pose or path is not finite, or if the yaw is
+                not in radians. Nothing is remembered then.
         """
+        self.state = None  # until a decision is made
         sensed = self._checked(ranges, pose, path)
+        command, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
+        return command if self.state is DriveState.DRIVE else np.zeros(2, dtype=np.float32)
+
+    def _decide(
+        self, sensed: TensorDictBase, state: DriveState
+    ) -> tuple[np.ndarray | None, DriveState]:
+        """Return the policy's command and the state; the past moves on if both are usable."""
+        if state in (DriveState.BLIND, DriveState.OFF_PATH):
+            return None, state
         if self._past is None:
             now = self._transform._reset(sensed, sensed)
         else:
             now = self._transform._step(self._past, sensed)
-        action = self._decide(now)
-        self._past = now
+        action = self._act(now)
         command = self._transform.inv(now.copy().set(keys.ACTION, action))[keys.ACTION]
-        return command[0].numpy()
+        command = safe_command(command[0].numpy(), self._robot)
+        if command is None:
+            return None, DriveState.BAD_COMMAND
+        self._past = now
+        return command, state
 
-    def _decide(self, now: TensorDictBase) -> Tensor:
+    def _sensed_state(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> DriveState:
+        """Return the state that scan, pose and path alone call for."""
+        seen = self._scan_check.state(_single(ranges))
+        if seen is DriveState.BLIND:
+            return seen
+        place = path_state(
+            *(np.asarray(value, dtype=np.float64) for value in (pose, path)), self.limits
+        )
+        return seen if place is DriveState.DRIVE else place
+
+    def _act(self, now: TensorDictBase) -> Tensor:
         actor = self._actor
         if type(actor) is TensorDictModule and actor.out_keys == [keys.ACTION]:
             # The network itself: around it a TensorDictModule looks for packages at every call.
@@ -114,13 +170,14 @@ class PolicyRunner:
         return actor(now.copy())[keys.ACTION]
 
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
-        ranges = np.asarray(ranges, dtype=np.float32)
+        ranges = _single(ranges)
         # The transforms subtract pose and path in float64: float32 knows large maps to 0.5 m.
         pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
         if ranges.shape != (self.num_beams,):
             raise ValueError(f"ranges: need shape [{self.num_beams}], got {list(ranges.shape)}")
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise ValueError(f"pose: need 3 finite numbers (x, y, yaw), got {pose.tolist()}")
+        check_yaw(pose[2])
         if path.ndim != 2 or path.shape[1] != 2 or not 1 <= len(path) <= MAX_PATH_POINTS:
             raise ValueError(
                 f"path: need shape [P, 2] with P from 1 to {MAX_PATH_POINTS}, "
@@ -128,12 +185,16 @@ class PolicyRunner:
             )
         if not np.isfinite(path).all():
             raise ValueError("path: a point is not finite")
-        if np.isnan(ranges).all():
-            raise ValueError("ranges: every beam is NaN")
         whole = np.concatenate([path, np.repeat(path[-1:], MAX_PATH_POINTS - len(path), axis=0)])
-        ranges = np.where(ranges <= self.max_range, ranges, np.float32(self.max_range))
-        values = {keys.RANGES: ranges, keys.POSE: pose, keys.PATH: whole}
+        ranges = self._scan_check.cleaned(ranges)
+        values = {keys.RANGES: ranges, keys.POSE: pose.copy(), keys.PATH: whole}
         return TensorDict({k: torch.from_numpy(v).unsqueeze(0) for k, v in values.items()}, [1])
+
+
+def _single(values: ArrayLike) -> np.ndarray:
+    """Return ``values`` as float32; what is too large for that becomes infinite."""
+    with np.errstate(over="ignore"):
+        return np.asarray(values, dtype=np.float32)
 
 
 class _Senses(EnvBase):

@@ -103,11 +103,14 @@ class NavigationEnv(EnvBase):
         self._make_specs()
         self.set_seed(seed)
 
-    def set_scenarios(self, scenarios: ScenarioBatch | None) -> None:
+    def set_scenarios(self, scenarios: ScenarioBatch | None) -> ScenarioBatch | None:
         """Fix what each world plays from its next reset on; ``None`` returns to drawing.
 
         Args:
             scenarios: One row a world.
+
+        Returns:
+            What was fixed before.
 
         Raises:
             ValueError: If the number of rows is not the number of worlds.
@@ -117,7 +120,8 @@ class NavigationEnv(EnvBase):
                 f"scenarios: need one for each of {self.simulator.num_worlds} worlds, "
                 f"got {len(scenarios)}"
             )
-        self._fixed = None if scenarios is None else scenarios.to(self.device)
+        before, self._fixed = self._fixed, None if scenarios is None else scenarios.to(self.device)
+        return before
 
     # --- specs and state -------------------------------------------------------------------------
 

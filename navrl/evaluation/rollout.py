@@ -127,10 +127,15 @@ def evaluate(
         A record per scenario played, in order.
     """
     records: list[EpisodeRecord] = []
-    for chunk in side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks:
-        records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder)
-        if on_chunk is not None:
-            on_chunk(len(chunk))
+    chunks = side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks
+    before = env.base_env.set_scenarios(None)
+    try:
+        for chunk in chunks:
+            records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder)
+            if on_chunk is not None:
+                on_chunk(len(chunk))
+    finally:
+        env.base_env.set_scenarios(before)
     return records
 
 
@@ -231,6 +236,7 @@ def _play(
         series = _Series(carrier)
         while bool(series.running.any()):
             decided = policy(carrier)
+            _check_action(decided[keys.ACTION], series.running)
             with torch_on_one_thread():
                 stepped = env.step(decided)
             for watcher in watchers:
@@ -239,6 +245,15 @@ def _play(
             env.base_env.simulator.rest(~series.running)
             carrier = step_mdp(stepped)
     return series, solved
+
+
+def _check_action(action: Tensor, running: Tensor) -> None:
+    """Raise a ValueError if the action ``[N, 2]`` of a running world is not finite."""
+    is_bad = running & ~action.isfinite().all(-1)
+    if bool(is_bad.any()):
+        raise ValueError(
+            f"action={action[is_bad][0].tolist()}: must be finite, as policies write it"
+        )
 
 
 def _record(

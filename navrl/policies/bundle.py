@@ -30,6 +30,12 @@ from tensordict.nn import TensorDictModule
 from navrl.files import replacing, write_json, write_text
 from navrl.policies.limits import check_limits, check_weights, put_weights
 from navrl.policies.nodes import BundleError, build_node, check_nodes, reason
+from navrl.policies.plausibility import (
+    KINDS,
+    check_finite_weights,
+    check_part,
+    check_weights_kind,
+)
 from navrl.untrusted import DamagedFileError, read_json, read_yaml
 
 FORMAT = "navrl-policy-1"
@@ -86,8 +92,10 @@ def save_bundle(
 
     Raises:
         OSError: If a file cannot be written; the bundle that was there stays.
-        ValueError: If a part is missing or holds what is not plain data.
+        ValueError: If a part is missing or holds what is not plain data, or if a weight is not
+            finite.
     """
+    check_finite_weights(actor, "actor")
     missing = [part for part in _PARTS if part not in config]
     if missing:
         raise ValueError(f"config: missing {missing}")
@@ -124,8 +132,9 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
 
     Raises:
         BundleError: If a file is missing, damaged or of another format, if the weights do not fit
-            the network, if the config names a target that is not allowed, or if a number in it is
-            beyond :mod:`navrl.policies.limits`.
+            the network or are not finite, if the config names a target that is not allowed, if a
+            part cannot be built, if a number is beyond :mod:`navrl.policies.limits`, or if the
+            robot's limits are beyond :mod:`navrl.policies.plausibility`.
         ValueError: If ``allow`` is a single name.
     """
     if isinstance(allow, str):
@@ -141,7 +150,10 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     if not isinstance(actor, TensorDictModule):
         raise BundleError(f"actor: need a TensorDictModule, got {type(actor).__name__}")
     _load_weights(actor, folder / "weights.safetensors")
-    return PolicyBundle(folder, config, actor.eval(), metrics, allow)
+    bundle = PolicyBundle(folder, config, actor.eval(), metrics, allow)
+    for part in KINDS:
+        check_part(part, bundle.build(part))
+    return bundle
 
 
 def _read(reader: Callable[[Path, str], dict[str, Any]], file: Path) -> dict[str, Any]:
@@ -168,7 +180,9 @@ def _load_weights(actor: TensorDictModule, file: Path) -> None:
         weights = load_file(file)
     except (OSError, SafetensorError) as error:
         raise BundleError(f"{file}: {reason(error)}; {_REMEDY}") from error
+    check_weights_kind(weights, actor, str(file))
     put_weights(actor, weights, file)
+    check_finite_weights(actor, str(file))
 
 
 class _PlainDumper(yaml.SafeDumper):

@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 import torch
+from tensordict.nn import TensorDictModule
+from torchrl.envs import Transform
 
 from navrl import build
 from navrl.build.training import deployed
 from navrl.config import compose, instantiate
-from navrl.deploy import PolicyRunner
+from navrl.deploy import DriveState, PolicyRunner, SafetyLimits
 from navrl.envs.navigation import NavigationEnv
 from navrl.evaluation.recording import record_episode
 from navrl.policies import ZOO, load_bundle
 from navrl.sim import BatchedSimulator
+from navrl.transforms import compose as compose_steps
 
 EXPERIMENTS = ["paper", "no_tagd", "subgoal", "liang", "liang_original", "navrl-best"]
 AHEAD = [(0.0, 0.0), (2.0, 0.5)]
@@ -23,7 +26,10 @@ def runner():
 
 
 def clear(beams=1440):
-    return np.full(beams, 3.5)
+    """A scan without returns but for a wall behind, which shows that the lidar works."""
+    ranges = np.full(beams, 3.5)
+    ranges[beams // 2 - 100 : beams // 2 + 100] = 3.0
+    return ranges
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -38,7 +44,8 @@ def test_commands_are_those_of_the_simulated_episode(experiment):
     actor, _ = build.make_agent(cfg, build.observation_shapes(env))
     scenario = instantiate(cfg.suite).scenarios([1])[0]
     episode = record_episode(env, actor.eval(), scenario)
-    runner = PolicyRunner(instantiate(cfg.transforms), actor, lidar, robot)
+    simulated = SafetyLimits.simulated()  # an untrained policy leaves its path
+    runner = PolicyRunner(instantiate(cfg.transforms), actor, lidar, robot, simulated)
     assert episode.num_steps > 3
     for _ in range(2):  # and again after a reset
         commands = [
@@ -64,6 +71,19 @@ def test_a_map_far_from_its_origin_changes_no_command(policy):
     np.testing.assert_allclose(commands[1], commands[0], atol=1e-5)
 
 
+@pytest.mark.parametrize("policy", ["paper", "navrl-best"])
+def test_trained_policy_drives_an_episode_in_one_state(policy):
+    changes = [f"policy={policy}", "suite=table1", "episode=3"]
+    episode = build.record(compose("play", changes))
+    runner = PolicyRunner.from_bundle(ZOO / policy)
+    for step in range(episode.num_steps):
+        command = runner.act(episode.ranges[step], episode.pose[step], episode.path)
+        assert runner.state is DriveState.DRIVE
+        np.testing.assert_allclose(command, episode.action[step], atol=1e-5)
+    runner.act(episode.ranges[-1], episode.pose[-1], episode.path)
+    assert episode.outcome == "success" and runner.state is DriveState.AT_GOAL
+
+
 def test_the_past_counts_and_is_forgotten(runner):
     near, farther = clear(), clear()
     near[:60], farther[:60] = 1.0, 1.1
@@ -81,7 +101,7 @@ def test_a_beam_without_return_may_read_anything(runner, miss):
     commands = []
     for value in (3.5, miss):
         ranges = clear()
-        ranges[100:200], ranges[300:500] = 0.8, value
+        ranges[100:200], ranges[300:340] = 0.8, value
         runner.reset()
         commands.append(runner.act(ranges, (0, 0, 0), AHEAD))
     assert np.array_equal(*commands)
@@ -91,11 +111,14 @@ def test_a_beam_without_return_may_read_anything(runner, miss):
     ("ranges", "pose", "path", "message"),
     [
         (clear(720), (0, 0, 0), AHEAD, r"ranges: need shape \[1440\], got \[720\]"),
-        (np.full(1440, np.nan), (0, 0, 0), AHEAD, "every beam is NaN"),
         (clear(), (0, 0), AHEAD, "pose: need 3 finite numbers"),
         (clear(), (0, np.nan, 0), AHEAD, "pose: need 3 finite numbers"),
+        (clear(), (0, 0, 90.0), AHEAD, "yaw=90: must be in rad"),
+        (clear(), (0, 0, -45.0), AHEAD, "yaw=-45: must be in rad"),
         (clear(), (0, 0, 0), [(0, 0, 0)], r"path: need shape \[P, 2\]"),
         (clear(), (0, 0, 0), np.zeros((201, 2)), "P from 1 to 200"),
+        (clear(), (0, 0, 0), np.zeros((0, 2)), "P from 1 to 200"),
+        (clear(), (0, 0, 6.3), AHEAD, "yaw=6.3: must be in rad"),
         (clear(), (0, 0, 0), [(0, 0), (np.inf, 0)], "path: a point is not finite"),
     ],
 )
@@ -105,6 +128,7 @@ def test_what_cannot_be_sensed_is_refused_and_not_remembered(runner, ranges, pos
     runner.reset()
     with pytest.raises(ValueError, match=message):
         runner.act(ranges, pose, path)
+    assert runner.state is None
     assert np.array_equal(runner.act(clear(), (0, 0, 0), AHEAD), expected)
 
 
@@ -113,3 +137,45 @@ def test_transforms_of_another_lidar_are_refused():
     lidar = bundle.build("lidar", num_beams=1441)
     with pytest.raises(ValueError, match="1441"):
         PolicyRunner(bundle.build("transforms"), bundle.actor, lidar, bundle.build("robot"))
+
+
+def test_one_pipeline_serves_two_robots():
+    bundle = load_bundle(ZOO / "paper")
+    transforms, lidar = bundle.build("transforms"), bundle.build("lidar")
+    count = len(transforms)
+    fast, slow = (
+        PolicyRunner(transforms, bundle.actor, lidar, bundle.build("robot", max_speed=speed))
+        for speed in (1.0, 0.3)
+    )
+    path = [(0.0, 0.0), (4.0, 0.0)]
+    assert fast.act(clear(), (0, 0, 0), path)[0] > 0.9
+    assert 0.25 < slow.act(clear(), (0, 0, 0), path)[0] <= 0.3
+    assert fast.act(clear(), (0, 0, 0), path)[0] > 0.9
+    assert len(transforms) == count and transforms.parent is None
+
+
+class PoseBefore(Transform):
+    """Write the pose of the step before."""
+
+    def _step(self, tensordict, next_tensordict):
+        return next_tensordict.set("pose_before", tensordict["pose"])
+
+    def _reset(self, tensordict, tensordict_reset):
+        return tensordict_reset.set("pose_before", tensordict_reset["pose"])
+
+    def transform_observation_spec(self, observation_spec):
+        return observation_spec.set("pose_before", observation_spec["pose"].clone())
+
+
+def test_runner_stores_no_view_of_the_callers_arrays():
+    drive = TensorDictModule(lambda pose: pose[:, :2], ["pose_before"], ["action"])
+    bundle = load_bundle(ZOO / "paper")
+    parts = (bundle.build(part) for part in ("lidar", "robot"))
+    runner = PolicyRunner(compose_steps(before=PoseBefore()), drive, *parts)
+    ranges, pose = clear().astype(np.float32), np.array([0.5, 0.25, 0.0], np.float32)
+    path = np.array(AHEAD * 100, np.float32)  # 200 points: no padding
+    runner.act(ranges, pose, path)
+    for array in (ranges, pose, path):
+        array[:] = 0.0  # as a driver reuses its buffers
+    command = runner.act(clear(), (0, 0, 0), AHEAD)
+    np.testing.assert_allclose(command, [0.75, 0.25 * np.pi], rtol=1e-6)

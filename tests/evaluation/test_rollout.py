@@ -206,3 +206,36 @@ def test_a_policy_that_prepares_is_shown_what_it_plays(envs, batch):
 def test_whoever_does_not_plan_solves_neither_more_nor_less(envs, batch, records):
     assert {record.solved for record in records} == {None}
     assert evaluate(envs[3], Seer(plans=False), batch) == records
+
+
+@pytest.mark.parametrize("num_worlds", [1, 3])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_non_finite_action_is_an_error_of_its_episode(envs, batch, records, num_worlds, value):
+    """Of its own episode alone, which ends there."""
+
+    def policy(tensordict):
+        tensordict = straight(tensordict)
+        action, goal = tensordict[keys.ACTION], tensordict[keys.PATH][:, -1]
+        is_one = (goal == torch.tensor([0.5, 0.3])).all(-1) & (tensordict[keys.POSE][:, 0] > 1.0)
+        action[is_one, 1] = value
+        return tensordict
+
+    found = evaluate(envs[num_worlds], policy, batch)
+    assert found[5].outcome == ERROR
+    assert f"action=[1.0, {value}]: must be finite" in found[5].error
+    assert found[:5] + found[6:] == records[:5] + records[6:]
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_evaluation_leaves_the_callers_scenarios(batch, raises):
+    env = make(1)
+    own = ScenarioBatch.pack([episode(9, goal=(3.0, 1.0))])
+    env.base_env.set_scenarios(own)
+
+    def policy(tensordict):
+        if raises:
+            raise RuntimeError("broken")
+        return straight(tensordict)
+
+    evaluate(env, policy, batch)
+    assert env.reset()[keys.PATH][0, -1].tolist() == [3.0, 1.0]

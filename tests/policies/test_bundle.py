@@ -228,6 +228,106 @@ def test_what_cannot_be_an_actor_is_explained(folder, part, node, message):
         load_bundle(folder)
 
 
+# --- weights and robot limits --------------------------------------------------------------------
+
+
+def stored(folder, change):
+    """The bundle after ``change`` has replaced the weights of one layer."""
+    file = folder / "weights.safetensors"
+    weights = load_file(file)
+    name = "module.output.0.weight"
+    weights[name] = change(weights[name].clone())
+    save_file(weights, file)
+    return folder
+
+
+def poked(value, dtype=torch.float32):
+    def change(weight):
+        weight = weight.to(dtype)
+        weight[1, 0] = value
+        return weight
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (poked(float("nan")), r"module\.output\.0\.weight: value=nan: must be finite"),
+        (poked(float("-inf")), "value=-inf: must be finite"),
+        (poked(1e300, torch.float64), "value=inf: must be finite"),
+        (lambda weight: weight.to(torch.int8), r"dtype=torch\.int8: must be floating point"),
+        (lambda weight: weight > 0, r"dtype=torch\.bool: must be floating point"),
+        (lambda weight: weight.to(torch.complex64), "must be floating point"),
+    ],
+)
+def test_non_finite_or_integer_weights_are_refused(folder, change, message):
+    with pytest.raises(BundleError, match=rf"weights\.safetensors: .*{message}"):
+        load_bundle(stored(folder, change))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+def test_weights_in_another_precision_are_loaded(folder, dtype):
+    bundle = load_bundle(stored(folder, lambda weight: weight.to(dtype)))
+    assert bundle.actor.get_parameter("module.output.0.weight").dtype == torch.float32
+
+
+def test_weights_that_the_actor_lacks_are_refused(folder):
+    file = folder / "weights.safetensors"
+    save_file({**load_file(file), "extra": torch.zeros(1, dtype=torch.int8)}, file)
+    with pytest.raises(BundleError, match=r'Unexpected key.*"extra"'):
+        load_bundle(folder)
+
+
+def test_every_file_is_readable_for_all(folder):
+    assert all(file.stat().st_mode & 0o444 == 0o444 for file in folder.iterdir())
+
+
+def test_non_finite_weights_are_not_saved(folder, actor):
+    broken = copy.deepcopy(actor)
+    broken.get_parameter("module.output.0.weight").data[0, 0] = float("nan")
+    with pytest.raises(ValueError, match=r"module\.output\.0\.weight: value=nan: must be finite"):
+        save_bundle(folder, config=CONFIG, actor=broken, metrics={}, card="")
+    assert load_bundle(folder).metrics == {"success_rate": 0.5}
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"max_speed": 1e9}, r"robot\.max_speed=1e\+09: must be at most 10 m/s"),
+        ({"max_speed": 10.1}, r"robot\.max_speed=10\.1: must be at most"),
+        ({"min_speed": -11.0}, r"robot\.min_speed=-11: must be at most"),
+        ({"max_turn_rate": 26.0}, r"robot\.max_turn_rate=26: must be at most 25\.13 rad/s"),
+        ({"max_speed": float("nan")}, "robot: .*max_speed"),
+        ({"max_speed": "fast"}, "robot: "),
+    ],
+)
+def test_implausible_robot_limits_are_refused(folder, values, message):
+    with pytest.raises(BundleError, match=message):
+        load_bundle(edited(folder, lambda config: config["robot"].update(values)))
+
+
+def test_limits_of_a_fast_robot_are_allowed(folder):
+    fast = {"min_speed": -10.0, "max_speed": 10.0, "max_turn_rate": 25.0}
+    bundle = load_bundle(edited(folder, lambda config: config["robot"].update(fast)))
+    assert bundle.build("robot").max_speed == 10.0
+
+
+@pytest.mark.parametrize(
+    "part, node, message",
+    [
+        ("transforms", {"_target_": "navrl.sim.Lidar"}, "transforms: must be a Transform"),
+        ("transforms", {"_target_": "navrl.transforms.MinPool", "group_size": 0}, "group_size"),
+        ("lidar", {"_target_": "navrl.sim.Lidar", "max_range": -1.0}, "max_range"),
+        ("lidar", {"_target_": "navrl.sim.DifferentialDrive"}, "lidar: must be a Lidar"),
+        ("robot", {"_target_": "navrl.sim.Lidar"}, "robot: must be a DifferentialDrive"),
+    ],
+)
+def test_every_part_is_built_at_load(folder, part, node, message):
+    with pytest.raises(BundleError, match=message):
+        load_bundle(edited(folder, lambda config: config.update({part: node})))
+
+
 # --- strangers -----------------------------------------------------------------------------------
 
 HOSTILE = [

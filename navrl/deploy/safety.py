@@ -1,0 +1,207 @@
+"""Decide from scan, pose, path and command whether a robot may drive.
+
+A policy cannot report that its input is unusable: on a scan without returns it commands full
+speed. So its input and its command are checked outside of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import torch
+
+from navrl.ops.path import project_onto_path
+from navrl.ops.pooling import RETURN_MARGIN_M
+from navrl.sim import DifferentialDrive, Lidar
+
+_MAX_YAW = 2.0 * math.pi  # rad; an angle in degrees exceeds it within a few degrees of turning
+
+
+class DriveState(StrEnum):
+    """State of the runner after a scan; in every state but ``DRIVE`` the command is zero.
+
+    - ``DRIVE``: the policy's command, within the robot's limits.
+    - ``AT_GOAL``: the robot is within the goal radius of the path's last point.
+    - ``OFF_PATH``: the robot is farther from its path than the policy was trained for.
+    - ``BLOCKED``: something ahead is nearer than the lidar's minimum range.
+    - ``BLIND``: the scan does not cover the sector ahead, or no beam shows that the lidar works.
+    - ``BAD_COMMAND``: the policy's command is not finite.
+    """
+
+    DRIVE = "drive"
+    AT_GOAL = "at_goal"
+    OFF_PATH = "off_path"
+    BLOCKED = "blocked"
+    BLIND = "blind"
+    BAD_COMMAND = "bad_command"
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Conditions under which a robot may drive.
+
+    Args:
+        goal_radius: Distance to the path's last point at which the robot has arrived, m. 0.2:
+            paper Sec. V-A, as in training.
+        max_path_distance: Largest distance to the path, m. 2.0: the shipped policies stay within
+            1.6 m in simulation.
+        min_measured_share: Share of the beams that must measure a distance; with fewer the lidar
+            counts as dead. 0.01: a single person 3 m away covers 0.02 of the beams. A scan without
+            any return is the same in an empty place as from a dead lidar, so the robot stops there;
+            0 lets it drive on, if the lidar is monitored by other means.
+        max_gap: Widest gap of neighboring invalid beams ahead, rad. 0.175 (10 deg): beyond 2 m it
+            can hide an obstacle as wide as the robot.
+        sector: Half angle of what counts as ahead, rad; also behind, if the robot may reverse.
+        sensor_range: Largest distance a lidar can measure, m; a larger reading is invalid, unless
+            it is the scan's maximum, which many drivers write for no return. 100: more than planar
+            lidars measure, and 10 cm if ranges are in mm.
+
+    Raises:
+        ValueError: If a value is outside of its range.
+    """
+
+    goal_radius: float = 0.2
+    max_path_distance: float = 2.0
+    min_measured_share: float = 0.01
+    max_gap: float = 0.175
+    sector: float = 0.5 * math.pi
+    sensor_range: float = 100.0
+
+    def __post_init__(self) -> None:
+        for name in ("max_path_distance", "sector", "sensor_range"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name}={getattr(self, name)}: must be positive")
+        for name in ("goal_radius", "max_gap"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name}={getattr(self, name)}: must be >= 0")
+        if not 0.0 <= self.min_measured_share <= 1.0:
+            raise ValueError(f"min_measured_share={self.min_measured_share}: must be in [0, 1]")
+
+    @classmethod
+    def simulated(cls) -> SafetyLimits:
+        """Return limits for simulated scans: every beam works, so an empty scan is free space.
+
+        The distance to the path is not limited either, as in training.
+        """
+        return cls(max_path_distance=math.inf, min_measured_share=0.0)
+
+
+class ScanCheck:
+    """Classify the beams of a lidar's scans, and the scan as usable or not.
+
+    A beam is one of (REP 117 of ROS, and the codes of common drivers):
+
+    - a *distance*: finite and positive;
+    - *no return*, free up to the largest range: positive infinity, zero, or the scan's maximum, if
+      that is at least ``max_range``;
+    - *too near*: negative infinity;
+    - *invalid*: NaN, negative, or larger than ``sensor_range``.
+
+    Args:
+        lidar: Number of beams, largest range, and mount of the scans.
+        robot: Its radius, and whether it may reverse.
+        limits: Limits for a blind scan.
+    """
+
+    def __init__(self, lidar: Lidar, robot: DifferentialDrive, limits: SafetyLimits) -> None:
+        self._limits = limits
+        self._max_range, self._radius = np.float32(lidar.max_range), np.float32(robot.radius)
+        bearing = lidar.beam_angles().numpy() + lidar.mount[2]
+        sides = [0.0, math.pi] if robot.min_speed < 0.0 else [0.0]
+        self._sectors = [_beams_within(bearing, side, limits.sector) for side in sides]
+        self._max_gap_beams = limits.max_gap * lidar.num_beams / (2.0 * math.pi)
+
+    def state(self, ranges: np.ndarray) -> DriveState:
+        """Return ``BLIND``, ``BLOCKED`` or ``DRIVE`` for a scan ``[num_beams]`` m."""
+        measured, invalid = self._measured(ranges), self._invalid(ranges)
+        if measured.mean() < self._limits.min_measured_share:
+            return DriveState.BLIND
+        if invalid.any():
+            widest = max(_longest_run(invalid[sector]) for sector in self._sectors)
+            if widest > self._max_gap_beams:
+                return DriveState.BLIND
+        too_near = np.isneginf(ranges)
+        if any(too_near[sector].any() for sector in self._sectors):
+            return DriveState.BLOCKED
+        return DriveState.DRIVE
+
+    def cleaned(self, ranges: np.ndarray) -> np.ndarray:
+        """Return the scan ``[num_beams]`` m as a simulated lidar would give it, float32.
+
+        No return and invalid become ``max_range``; too near becomes the robot's radius.
+        """
+        is_return = (ranges > 0.0) & (ranges <= self._max_range)
+        cleaned = np.where(is_return, ranges, self._max_range)
+        return np.where(np.isneginf(ranges), self._radius, cleaned)
+
+    def _invalid(self, ranges: np.ndarray) -> np.ndarray:
+        impossible = (ranges > self._limits.sensor_range) & (ranges < _largest(ranges))
+        return np.isnan(ranges) | ((ranges < 0.0) & ~np.isneginf(ranges)) | impossible
+
+    def _measured(self, ranges: np.ndarray) -> np.ndarray:
+        """Return ``[num_beams]`` bool: a distance, within the policy's largest range or beyond."""
+        in_range = (ranges > 0.0) & (ranges < self._max_range - RETURN_MARGIN_M)
+        beyond = (ranges > self._max_range) & (ranges < _largest(ranges))
+        return in_range | (beyond & (ranges <= self._limits.sensor_range))
+
+
+def path_state(pose: np.ndarray, path: np.ndarray, limits: SafetyLimits) -> DriveState:
+    """Return ``AT_GOAL``, ``OFF_PATH`` or ``DRIVE`` for the robot's position.
+
+    Args:
+        pose: ``[3]`` float64 (x, y, yaw), m and rad.
+        path: ``[P, 2]`` float64 m, in the same frame.
+        limits: Radius of the goal and largest distance to the path.
+    """
+    relative = path - pose[:2]
+    if np.hypot(*relative[-1]) <= limits.goal_radius:
+        return DriveState.AT_GOAL
+    segments = np.concatenate([relative, relative[-1:]])  # a path of one point has none
+    with np.errstate(over="ignore"):
+        segments = torch.from_numpy(segments.astype(np.float32))
+    distance = float(project_onto_path(segments, segments.new_zeros(2)).distance)
+    return DriveState.DRIVE if distance <= limits.max_path_distance else DriveState.OFF_PATH
+
+
+def check_yaw(yaw: float) -> None:
+    """Refuse a yaw that is not in radians.
+
+    Raises:
+        ValueError: If it is beyond a full circle to either side.
+    """
+    if not abs(yaw) <= _MAX_YAW:
+        raise ValueError(f"pose: yaw={yaw:g}: must be in rad, wrapped to [-2 pi, 2 pi]")
+
+
+def safe_command(command: np.ndarray, robot: DifferentialDrive) -> np.ndarray | None:
+    """Return the command within the robot's limits, or ``None`` if it is not finite.
+
+    Args:
+        command: ``[2]`` float32 (v, w), m/s and rad/s.
+        robot: Its limits.
+    """
+    if not np.isfinite(command).all():
+        return None
+    low, high = (np.asarray(limit, dtype=np.float32) for limit in robot.command_limits)
+    return np.clip(command, low, high)
+
+
+def _beams_within(bearing: np.ndarray, center: float, half_angle: float) -> np.ndarray:
+    """Return the indices of the beams around ``center``, in the order of their bearing."""
+    offset = (bearing - center + math.pi) % (2.0 * math.pi) - math.pi
+    order = np.argsort(offset, kind="stable")
+    return order[np.abs(offset[order]) <= half_angle + 1e-9]
+
+
+def _longest_run(flags: np.ndarray) -> int:
+    """Return the length of the longest run of neighbors that are true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _largest(ranges: np.ndarray) -> np.floating:
+    """Return the largest finite reading, m; zero if there is none."""
+    return np.max(ranges, where=np.isfinite(ranges), initial=0.0)
