@@ -98,9 +98,10 @@ class PolicyRunner:
             now = self._transform._reset(sensed, sensed)
         else:
             now = self._transform._step(self._past, sensed)
+            now.set(keys.ACTION, self._past.get(keys.ACTION))  # controllers read their last action
         action = self._decide(now)
-        self._past = now
-        command = self._transform.inv(now.copy().set(keys.ACTION, action))[keys.ACTION]
+        self._past = now.set(keys.ACTION, action)
+        command = self._transform.inv(now.copy())[keys.ACTION]
         return command[0].numpy()
 
     def _decide(self, now: TensorDictBase) -> Tensor:
