@@ -11,6 +11,7 @@ from navrl.deploy import PolicyRunner
 from navrl.envs.navigation import NavigationEnv
 from navrl.evaluation.recording import record_episode
 from navrl.policies import ZOO, load_bundle
+from navrl.policies.classical import DynamicWindow
 from navrl.sim import BatchedSimulator
 
 EXPERIMENTS = ["paper", "no_tagd", "subgoal", "liang", "liang_original", "navrl-best"]
@@ -48,6 +49,21 @@ def test_commands_are_those_of_the_simulated_episode(experiment):
         np.testing.assert_allclose(commands, episode.action, atol=1e-5)
         runner.reset()
     assert np.ptp(episode.action, axis=0).max() > 1e-3
+
+
+def test_a_controller_reads_its_last_action():
+    """A dynamic window on slow wheels reaches full speed, and starts at rest after a reset."""
+    cfg = compose("evaluate", ["policy=dwa", "robot=kobuki_wheeled"])
+    robot = instantiate(cfg.robot)
+    runner = PolicyRunner(
+        instantiate(cfg.transforms), DynamicWindow(robot), instantiate(cfg.lidar), robot
+    )
+    scan = clear()
+    scan[0] = 3.4  # a free circle is not a blind one
+    for _ in range(2):
+        speeds = [runner.act(scan, (0, 0, 0), AHEAD)[0] for _ in range(4)]
+        assert speeds == pytest.approx([0.4, 0.8, 1.0, 1.0], abs=1e-3)
+        runner.reset()
 
 
 def test_the_past_counts_and_is_forgotten(runner):
