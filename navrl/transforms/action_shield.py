@@ -9,7 +9,7 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from navrl import keys
-from navrl.ops.motion import FAR, point_motion, room_along
+from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap, check_positive
 from navrl.transforms.observation_map import Keys
@@ -99,19 +99,13 @@ class ActionShield(ActionMap):
                 f"least_speed={least_speed}, most_speed={most_speed}: "
                 "need 0 < least_speed < most_speed"
             )
-        if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
-            raise ValueError(
-                f"num_speeds={num_speeds}: need at least 2; "
-                f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
-            )
         self.radius, self.margin, self.time_step = radius, margin, time_step
         self.speed_range = (least_speed, most_speed)
         self.group_radius = group_radius
         count = math.ceil(horizon / time_step * checks_per_step)
         self.times = [horizon * k / count for k in range(count + 1)]
-        speeds = torch.linspace(min_speed, max_speed, num_speeds)
-        turns = torch.linspace(-max_turn_rate, max_turn_rate, num_turn_rates)
-        self.register_buffer("_grid", torch.cartesian_prod(speeds, turns), persistent=False)
+        grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
+        self.register_buffer("_grid", grid, persistent=False)
         self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
 
     def command(self, action: Tensor, *seen: Tensor) -> Tensor:

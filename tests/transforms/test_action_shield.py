@@ -136,6 +136,18 @@ def test_present_clearance_counts():
     assert driven(seen(behind), 0.25) == (0.25, 0.0)
 
 
+@pytest.mark.parametrize(("gap", "passes"), [(MARGIN - 0.005, False), (MARGIN + 0.005, True)])
+def test_margin_decides_which_commands_pass(gap, passes):
+    """Driven for 0.4 s, the command ends ``gap`` m before a point."""
+    point = (RADIUS + 0.5 * 0.4 + gap, 0.0)
+    assert (driven(seen(point), 0.5) == (0.5, 0.0)) is passes
+
+
+def test_present_and_each_half_step_are_checked():
+    assert ActionShield().times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert ActionShield(checks_per_step=1).times == pytest.approx([0.0, 0.2, 0.4])
+
+
 def test_ties_go_to_the_most_similar_command():
     """A point within the margin ahead: all that drive no nearer tie at the present clearance."""
     point = (RADIUS + 0.01, 0.0)
@@ -143,6 +155,13 @@ def test_ties_go_to_the_most_similar_command():
     grid = torch.linspace(-math.pi, math.pi, 25)
     assert v == 0.0
     assert abs(w - 1.0) == pytest.approx((grid - 1.0).abs().min().item(), abs=1e-5)
+
+
+def test_a_robot_that_drives_backwards_can_stop():
+    """Its speeds from -0.25 to 0.75 m/s in steps of 0.1 miss zero; the grid does not."""
+    ring = [(0.19 * math.cos(a), 0.19 * math.sin(a)) for a in torch.linspace(0, 6.2, 60).tolist()]
+    v, _ = driven(seen(*ring), 0.75, min_speed=-0.25, max_speed=0.75)
+    assert v == 0.0
 
 
 def test_pedestrians_walk_on_with_their_descriptors():

@@ -8,7 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
-from navrl.ops.motion import FAR, point_motion, room_along
+from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.policies.classical.commands import last_command, normalized_action
 from navrl.sim import DifferentialDrive
@@ -72,7 +72,6 @@ class DynamicWindow(TensorDictModuleBase):
             clearance=clearance,
             group_radius=group_radius,
         )
-        _check_sampling(num_speeds, num_turn_rates)
         if not min(margin, clearance_weight, path_weight) >= 0:
             raise ValueError(
                 f"margin={margin}, clearance_weight={clearance_weight}, "
@@ -92,9 +91,9 @@ class DynamicWindow(TensorDictModuleBase):
         self.clearance_weight, self.path_weight = clearance_weight, path_weight
         self.speed_range = (least_speed, most_speed)
         self.group_radius = group_radius
-        speeds = torch.linspace(robot.min_speed, robot.max_speed, num_speeds)
-        turns = torch.linspace(-robot.max_turn_rate, robot.max_turn_rate, num_turn_rates)
-        self._samples = torch.cartesian_prod(speeds, turns)
+        self._samples = sample_commands(
+            robot.min_speed, robot.max_speed, robot.max_turn_rate, num_speeds, num_turn_rates
+        )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the normalised action ``[*B, 2]``."""
@@ -158,11 +157,3 @@ def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name}={value}: must be > 0")
-
-
-def _check_sampling(num_speeds: int, num_turn_rates: int) -> None:
-    if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
-        raise ValueError(
-            f"num_speeds={num_speeds}: need at least 2; "
-            f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
-        )
