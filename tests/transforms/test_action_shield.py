@@ -192,6 +192,17 @@ def test_only_points_around_a_moved_group_move():
     assert motion[..., 1].abs().max() == 0.0
 
 
+@pytest.mark.parametrize(
+    ("step", "moves"), [(0.04, False), (0.06, True), (0.29, True), (0.31, False)]
+)
+def test_motion_between_least_and_most_counts(step, moves):
+    points = torch.tensor([[[1.0, 0.0]]])
+    tagd = torch.tensor([[[1.0, step, 1.0, 0.0]]])
+    valid = torch.ones(1, 1, 2, dtype=torch.bool)
+    motion = point_motion(points, tagd, valid, least=0.05, most=0.3, group_radius=0.3)
+    torch.testing.assert_close(motion[0, 0], torch.tensor([0.0, -step if moves else 0.0]))
+
+
 def test_room_is_taken_at_the_time_of_the_place():
     places = torch.tensor([[[[0.0, 0.0], [1.0, 0.0]]]])
     points, motion = torch.tensor([[[2.0, 0.0]]]), torch.tensor([[[0.5, 0.0]]])
