@@ -144,12 +144,13 @@ class PolicyRunner:
             now = self._transform._reset(sensed, sensed)
         else:
             now = self._transform._step(self._past, sensed)
+            now.set(keys.ACTION, self._past.get(keys.ACTION))  # controllers read their last action
         action = self._act(now)
         command = self._transform.inv(now.copy().set(keys.ACTION, action))[keys.ACTION]
         command = safe_command(command[0].numpy(), self._robot)
         if command is None:
             return None, DriveState.BAD_COMMAND
-        self._past = now
+        self._past = now.set(keys.ACTION, action)
         return command, state
 
     def _sensed_state(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> DriveState:

@@ -243,7 +243,7 @@ def _play(
                 watcher(stepped)
             series.add(stepped)
             env.base_env.simulator.rest(~series.running)
-            carrier = step_mdp(stepped)
+            carrier = step_mdp(stepped, exclude_action=False)  # controllers read their last action
     return series, solved
 
 

@@ -1,4 +1,4 @@
-"""Where points seen by the lidar are going, and the room an arc leaves between them."""
+"""Sampled commands, the motion of points seen by the lidar, and the clearance between them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,37 @@ from torch import Tensor
 
 FAR = 100.0
 """m, where points go that are no obstacle."""
+
+
+def sample_commands(
+    min_speed: float, max_speed: float, max_turn_rate: float, num_speeds: int, num_turn_rates: int
+) -> Tensor:
+    """Return a grid of commands that includes straight on and, if the limits allow it, a stop.
+
+    Args:
+        min_speed: m/s; the speed nearest to zero becomes zero if it is not positive.
+        max_speed: m/s.
+        max_turn_rate: rad/s, to either side.
+        num_speeds: At least 2.
+        num_turn_rates: Odd and at least 3.
+
+    Returns:
+        ``[num_speeds * num_turn_rates, 2]`` (v, w), m/s and rad/s.
+
+    Raises:
+        ValueError: If a number of samples is not as above.
+    """
+    if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
+        raise ValueError(
+            f"num_speeds={num_speeds}: need at least 2; "
+            f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
+        )
+    speeds = torch.linspace(min_speed, max_speed, num_speeds)
+    if min_speed <= 0.0 <= max_speed:
+        speeds[speeds.abs().argmin()] = 0.0
+    turns = torch.linspace(-max_turn_rate, max_turn_rate, num_turn_rates)
+    turns[num_turn_rates // 2] = 0.0
+    return torch.cartesian_prod(speeds, turns)
 
 
 def point_motion(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
 
 from navrl import keys
 from navrl.algos import GaussianExploration
@@ -51,6 +52,7 @@ class Behaviour:
     @torch.no_grad()
     def act(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
         """Write ``action [N, 2]`` in [-1, 1] into ``tensordict`` after ``frames`` env steps."""
+        last = tensordict.get(keys.ACTION, None)  # what was driven in the step before, with noise
         if frames < self.random_frames:
             shape = (len(tensordict), self.exploration.action_size)
             tensordict.set(keys.ACTION, torch.rand(shape, device=tensordict.device) * 2 - 1)
@@ -59,9 +61,15 @@ class Behaviour:
         guided = self._num_guided(len(tensordict), frames)
         if guided:
             action = tensordict.get(keys.ACTION).clone()
-            action[:guided] = self.guide(tensordict[:guided].copy()).get(keys.ACTION)
+            action[:guided] = self._guide_action(tensordict[:guided].copy(), last)
             tensordict.set(keys.ACTION, action)
         return self.exploration(tensordict, frames)
+
+    def _guide_action(self, tensordict: TensorDictBase, last: Tensor | None) -> Tensor:
+        """Return the guide's action ``[G, 2]``; it reads its last action, not the actor's next."""
+        if last is None:
+            return self.guide(tensordict.exclude(keys.ACTION)).get(keys.ACTION)
+        return self.guide(tensordict.set(keys.ACTION, last[: len(tensordict)])).get(keys.ACTION)
 
     def _num_guided(self, num_worlds: int, frames: int) -> int:
         if self.guided_frames is not None and frames >= self.guided_frames:

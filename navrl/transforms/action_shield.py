@@ -1,4 +1,4 @@
-"""A last look at every command before it is driven."""
+"""Replace commands that lead to a collision, as the last step before they are driven."""
 
 from __future__ import annotations
 
@@ -9,22 +9,30 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from navrl import keys
-from navrl.ops.motion import FAR, point_motion, room_along
+from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap, check_positive
 from navrl.transforms.observation_map import Keys
 
+_SAME_ROOM = 1e-3
+"""m, clearances that differ by less are equal: far below the noise of a range."""
+
 
 class ActionShield(ActionMap):
-    """Replace a command that leads into something by the most similar one that does not.
+    """Replace a command that leads to a collision by the most similar one that does not.
 
-    The command is held for ``horizon``; points of the scan stay where they are, or walk on as the
-    descriptor walks that they belong to. If the hull comes within ``margin`` of one, the nearest
-    command of a grid that stays clear is driven instead, in units of the limits' ranges; if none
-    does, the one that keeps the most room. A command that stays clear passes unchanged.
+    A command is held for ``horizon``; points of the scan stay in place, or move on at the velocity
+    of the descriptor that they belong to. The clearance of a command is the least distance between
+    the hull and a point, now and at later checked times. A command with more clearance than
+    ``margin`` passes unchanged. Otherwise the most similar command of a grid with more clearance
+    than ``margin`` is driven, by the difference in units of the limits' ranges; if there is none,
+    the command with the most clearance, and of those that tie the most similar to the one asked
+    for, which is itself a candidate. No command has more clearance than the present one, so beside
+    a wall that is already within ``margin`` a stop stays a stop, unless a point is predicted to
+    move in.
 
-    Both sides see (v, w). Nothing privileged is read, and nothing is promised: an obstacle out of
-    sight, or a pedestrian who turns, can still be run into.
+    The action is (v, w) on both sides. Nothing privileged is read, and there is no guarantee: the
+    robot can still hit an obstacle out of sight, or a pedestrian who turns.
 
     Args:
         radius: Of the robot, m.
@@ -33,11 +41,11 @@ class ActionShield(ActionMap):
         max_turn_rate: Of the robot, rad/s.
         time_step: Between two scans, s.
         horizon: Time for which a command is held, s.
-        checks_per_step: Places on the arc that are checked in each time step.
+        checks_per_step: Times that are checked in each time step; the present is checked too.
         margin: Kept between hull and points, m.
         num_speeds: Speeds of the grid.
         num_turn_rates: Turn rates of the grid; odd, so that straight on is one of them.
-        least_speed: A descriptor that moves slower stands, m/s: noise of scan and alignment.
+        least_speed: A descriptor that moves slower is stationary, m/s: noise of scan and alignment.
         most_speed: A faster one is a mismatch, m/s.
         group_radius: Around a moved centroid within which points move with it, m.
         scan_keys: Points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]`` bool, descriptors
@@ -91,19 +99,13 @@ class ActionShield(ActionMap):
                 f"least_speed={least_speed}, most_speed={most_speed}: "
                 "need 0 < least_speed < most_speed"
             )
-        if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
-            raise ValueError(
-                f"num_speeds={num_speeds}: need at least 2; "
-                f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
-            )
         self.radius, self.margin, self.time_step = radius, margin, time_step
         self.speed_range = (least_speed, most_speed)
         self.group_radius = group_radius
         count = math.ceil(horizon / time_step * checks_per_step)
-        self.times = [horizon * (k + 1) / count for k in range(count)]
-        speeds = torch.linspace(min_speed, max_speed, num_speeds)
-        turns = torch.linspace(-max_turn_rate, max_turn_rate, num_turn_rates)
-        self.register_buffer("_grid", torch.cartesian_prod(speeds, turns), persistent=False)
+        self.times = [horizon * k / count for k in range(count + 1)]
+        grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
+        self.register_buffer("_grid", grid, persistent=False)
         self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
 
     def command(self, action: Tensor, *seen: Tensor) -> Tensor:
@@ -130,13 +132,19 @@ class ActionShield(ActionMap):
         rows = blocked.nonzero()[:, 0]  # few: only for them the grid is tried
         if not len(rows):
             return command
-        grid = self._grid.to(command)
-        room = self._room(grid.expand(len(rows), -1, -1), points[rows], motion[rows])
-        change = (grid - command[rows].unsqueeze(1)) / grid.new_tensor(self._range)
-        nearest = torch.where(room > self.margin, change.square().sum(-1), math.inf)
-        is_stuck = nearest.amin(-1).isinf()
-        best = torch.where(is_stuck, room.argmax(-1), nearest.argmin(-1))
-        return command.index_put((rows,), grid[best])
+        instead = self._most_similar(command[rows], points[rows], motion[rows])
+        return command.index_put((rows,), instead)
+
+    def _most_similar(self, command: Tensor, points: Tensor, motion: Tensor) -> Tensor:
+        """Return ``[R, 2]``, for each command the most similar of those allowed in its place."""
+        grid = self._grid.to(command).expand(len(command), -1, -1)
+        candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
+        room = self._room(candidates, points, motion)
+        most = room.amax(-1, keepdim=True)
+        enough = torch.where(most > self.margin, self.margin, most - _SAME_ROOM)
+        change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
+        nearest = torch.where(room > enough, change.square().sum(-1), math.inf).argmin(-1)
+        return candidates[torch.arange(len(command), device=command.device), nearest]
 
     def _room(self, commands: Tensor, points: Tensor, motion: Tensor) -> Tensor:
         """Return ``[N, S]`` m, the least between the hull and a point while a command is held."""

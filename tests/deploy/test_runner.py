@@ -13,6 +13,7 @@ from navrl.deploy import DriveState, PolicyRunner, SafetyLimits
 from navrl.envs.navigation import NavigationEnv
 from navrl.evaluation.recording import record_episode
 from navrl.policies import ZOO, load_bundle
+from navrl.policies.classical import DynamicWindow
 from navrl.sim import BatchedSimulator
 from navrl.transforms import compose as compose_steps
 
@@ -82,6 +83,25 @@ def test_trained_policy_drives_an_episode_in_one_state(policy):
         np.testing.assert_allclose(command, episode.action[step], atol=1e-5)
     runner.act(episode.ranges[-1], episode.pose[-1], episode.path)
     assert episode.outcome == "success" and runner.state is DriveState.AT_GOAL
+
+
+def test_a_controller_reads_its_last_action():
+    """A dynamic window on slow wheels reaches full speed, and starts at rest after a reset."""
+    cfg = compose("evaluate", ["policy=dwa", "robot=kobuki_wheeled"])
+    robot = instantiate(cfg.robot)
+    runner = PolicyRunner(
+        instantiate(cfg.transforms),
+        DynamicWindow(robot),
+        instantiate(cfg.lidar),
+        robot,
+        SafetyLimits.simulated(),
+    )
+    scan = clear()
+    scan[0] = 3.4  # a free circle is not a blind one
+    for _ in range(2):
+        speeds = [runner.act(scan, (0, 0, 0), AHEAD)[0] for _ in range(4)]
+        assert speeds == pytest.approx([0.4, 0.8, 1.0, 1.0], abs=1e-3)
+        runner.reset()
 
 
 def test_the_past_counts_and_is_forgotten(runner):

@@ -182,6 +182,16 @@ def test_passing_or_parting_is_no_collision_course():
         assert found == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("before", [0.15, 0.2, 0.3])
+def test_overlapping_discs_have_collided(before):
+    """A cuboid's disc may overlap the hull without a contact, even while the two part."""
+    walker = [standing(before, 0.0), standing(0.29, 0.0)]  # bodies reach 0.3 m
+    assert value(metrics.min_time_to_collision, *along(0.0, 0.0), people=[walker], **LATE) == 0.0
+    clear = [standing(before, 0.0), standing(0.31, 0.0)]
+    found = value(metrics.min_time_to_collision, *along(0.0, 0.0), people=[clear], **LATE)
+    assert found == np.inf
+
+
 def test_a_contact_ends_the_time_to_collision():
     people = [[standing(1.0, 0.0)] * 2]
     assert value(metrics.min_time_to_collision, *along(0.5, 0.7), people=people, **HIT) == 0.0

@@ -151,6 +151,23 @@ def test_policy_runs_without_noise_or_gradient(envs, batch):
     assert seen == {(ExplorationType.DETERMINISTIC, False)}
 
 
+@pytest.mark.parametrize("num_worlds", [1, 3])
+def test_policy_reads_its_own_last_action(envs, batch, num_worlds):
+    """Absent in the first step of an episode, the action of the step before after that."""
+    seen, written = [], []
+
+    def policy(tensordict):
+        seen.append(tensordict.get(keys.ACTION, None))
+        decided = wobbling(tensordict.exclude(keys.ACTION))
+        written.append(decided[keys.ACTION].clone())
+        return decided
+
+    evaluate(envs[num_worlds], policy, batch[torch.arange(num_worlds)])
+    assert seen[0] is None
+    assert len(seen) >= 5
+    assert all(torch.equal(*pair) for pair in zip(seen[1:], written[:-1], strict=True))
+
+
 def test_progress_counts_each_episode_once(envs, batch):
     done = []
     evaluate(envs[3], straight, batch, on_chunk=done.append)

@@ -89,6 +89,48 @@ def test_window_follows_the_waypoints_to_the_side():
         assert w * side > 0
 
 
+def test_window_heads_for_the_last_waypoint():
+    bend = torch.tensor([[0.3, 0.0], [0.6, 0.0], [0.6, 0.3], [0.6, 0.6], [0.6, 0.9]])
+    _, w = drive(DynamicWindow(ROBOT, path_weight=0.0), scan(waypoints=bend))
+    assert w > 0.5
+
+
+def test_path_weight_keeps_arcs_near_the_path():
+    """The last waypoint is beyond the horizon: the nearest end to it lies off the path."""
+    bend = torch.tensor([[0.6, 0.0], [1.2, 0.0], [1.8, 0.0], [1.8, 0.9], [1.8, 1.8]])
+    _, cuts = drive(DynamicWindow(ROBOT, path_weight=0.0), scan(waypoints=bend))
+    _, follows = drive(DynamicWindow(ROBOT, path_weight=5.0), scan(waypoints=bend))
+    assert cuts > 0.5
+    assert follows < cuts - 0.2
+
+
+@pytest.mark.parametrize(("margin", "passes"), [(0.05, False), (0.0, True)])
+def test_window_margin_decides_which_arcs_are_out(margin, passes):
+    """A wall 0.03 m beside the hull."""
+    wall = torch.stack([torch.linspace(-0.5, 2.0, 120), torch.full((120,), 0.208)], dim=-1)
+    policy = DynamicWindow(ROBOT, margin=margin, clearance_weight=0.0)
+    _, w = drive(policy, scan(wall))
+    assert (w == pytest.approx(0.0, abs=1e-5)) is passes
+
+
+def test_more_room_than_the_clearance_scores_nothing():
+    wall = torch.stack([torch.linspace(-0.5, 2.0, 120), torch.full((120,), 0.6)], dim=-1)
+    policy = DynamicWindow(ROBOT, clearance_weight=50.0)
+    assert drive(policy, scan(wall)) == pytest.approx([1.0, 0.0], abs=1e-5)
+    _, w = drive(DynamicWindow(ROBOT, clearance_weight=50.0, clearance=2.0), scan(wall))
+    assert w < -0.1
+
+
+def test_window_does_not_pass_through_what_it_touches_midway():
+    """A post 0.3 m ahead: clear again from the third step on, were it not for the first two."""
+    post = torch.tensor([[0.3, 0.0]])
+    v, w = drive(DynamicWindow(ROBOT), scan(post))
+    for step in range(1, 71):  # 1.4 s
+        half = 0.5 * w * 0.02 * step
+        chord = v * 0.02 * step * float(np.sinc(half / math.pi))
+        assert math.dist((chord * math.cos(half), chord * math.sin(half)), (0.3, 0.0)) > 0.178
+
+
 def arcs_end_clear(policy, observation, walker, velocity):
     """Whether the commanded arc stays clear of a disc that walks on."""
     v, w = drive(policy, observation)
@@ -135,6 +177,16 @@ def test_window_is_as_narrow_as_the_wheels_are_slow():
     assert v == pytest.approx(0.2)
 
 
+def test_window_takes_a_missing_or_forgotten_action_as_rest():
+    """NaN marks worlds that were reset while others went on."""
+    slow = DifferentialDrive(model="wheeled", wheel_acceleration=0.5)
+    one = scan()
+    observation = one.expand(3).clone()
+    observation[keys.ACTION] = torch.tensor([[torch.nan] * 2, [-1.0, 0.0], [0.0, 0.0]])
+    chosen = physical_command(slow, DynamicWindow(slow)(observation)[keys.ACTION])[:, 0]
+    torch.testing.assert_close(chosen, torch.tensor([0.1, 0.1, 0.6]))
+
+
 def test_window_takes_any_batch_shape():
     one = scan(disc(0.9, 0.1))
     policy = DynamicWindow(ROBOT, True)
@@ -170,7 +222,7 @@ def test_goes_while_nothing_is_in_the_way():
         assert (v, w) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-5))
 
 
-@pytest.mark.parametrize("place", [(0.5, 0.0), (0.9, 0.0), (0.5, 0.3)])
+@pytest.mark.parametrize("place", [(0.5, 0.0), (0.65, 0.0), (0.4, 0.25)])
 def test_stops_for_what_is_ahead(place):
     v, w = drive(StopAndGo(ROBOT), scan(disc(*place)))
     assert (v, w) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-5))
@@ -178,11 +230,21 @@ def test_stops_for_what_is_ahead(place):
 
 def test_looks_along_the_arc_that_it_drives():
     curve = AHEAD @ torch.tensor([[0.8, 0.6], [0.0, 0.0]])  # the pursued point lies to the left
-    ahead, on_the_arc = disc(0.75, -0.12, 0.05), disc(0.45, 0.45, 0.05)
+    ahead, on_the_arc = disc(0.5, -0.1, 0.05), disc(0.42, 0.23, 0.05)
     assert drive(StopAndGo(ROBOT), scan(ahead, waypoints=curve))[0] > 0.5
     v, w = drive(StopAndGo(ROBOT), scan(on_the_arc, waypoints=curve))
     assert v == pytest.approx(0.0, abs=1e-6)
     assert w > 0  # waits facing the waypoint
+
+
+def test_readings_short_by_two_sigmas_do_not_stop_it():
+    """Walls 0.02 m beside the hull, as paths keep off them at least, read 0.05 m too near."""
+    walls = [
+        torch.stack([torch.linspace(0.0, 1.0, 30), torch.full((30,), side * 0.148)], dim=-1)
+        for side in (1, -1)
+    ]
+    assert drive(StopAndGo(ROBOT), scan(*walls))[0] == pytest.approx(1.0)
+    assert drive(StopAndGo(ROBOT, margin=0.0), scan(*walls))[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_range_without_return_stops_nobody():
@@ -191,7 +253,28 @@ def test_a_range_without_return_stops_nobody():
     assert drive(StopAndGo(ROBOT), observation)[0] == pytest.approx(1.0)
 
 
+def test_points_behind_do_not_stop_it():
+    behind = torch.tensor([[-0.12, 0.0]])
+    assert drive(StopAndGo(ROBOT), scan(behind))[0] == pytest.approx(1.0)
+
+
+def test_a_tight_arc_is_checked_for_a_quarter_of_a_turn():
+    """Half a circle of radius 0.08 m would end beside the point."""
+    tight = torch.tensor([0.05, 0.15]).expand(5, 2)
+    assert drive(StopAndGo(ROBOT), scan(torch.tensor([[0.02, 0.29]]), waypoints=tight))[0] > 0.1
+    assert drive(StopAndGo(ROBOT), scan(torch.tensor([[0.15, 0.15]]), waypoints=tight))[0] == 0.0
+
+
+def test_turning_on_the_spot_is_never_blocked():
+    """The waypoint is behind to the left: full turn rate, whatever is near."""
+    back = torch.tensor([-0.3, 0.3]).expand(5, 2)
+    v, w = drive(StopAndGo(ROBOT), scan(disc(0.3, 0.0), waypoints=back))
+    assert (v, w) == (pytest.approx(0.0, abs=1e-6), pytest.approx(math.pi, rel=1e-5))
+
+
 def test_stop_and_go_names_what_cannot_be():
+    with pytest.raises(ValueError, match=r"margin=-0\.2: must be > -0\.178"):
+        StopAndGo(ROBOT, margin=-0.2)
     with pytest.raises(ValueError, match="stop_distance=0"):
         StopAndGo(ROBOT, stop_distance=0)
     with pytest.raises(ValueError, match="min_speed"):
@@ -203,7 +286,7 @@ def test_stop_and_go_names_what_cannot_be():
 rvo = pytest.mark.skipif(importlib.util.find_spec("pyrvo") is None, reason="needs the extra orca")
 
 
-def world(walls=()):
+def world(walls=(), speed=0.0, people=1):
     return ScenarioBatch.pack(
         [
             Scenario(
@@ -215,18 +298,20 @@ def world(walls=()):
                 start=np.zeros(3),
                 goal=np.array([5.0, 0.0]),
                 path=np.array([[0.0, 0.0], [5.0, 0.0]]),
-                pedestrians=(Pedestrian(np.zeros((1, 2)), 0.0, 0.0),),
+                pedestrians=(Pedestrian(np.array([[0.0, 0.0], [9.0, 0.0]]), speed, 0.0),) * people,
                 noise_seed=0,
             )
         ]
     )
 
 
-def step_aside(person, motion=(0.0, 0.0), walls=(), yaw=0.0):
-    """The velocity, in the frame of the robot, that ORCA asks for in the second step."""
-    policy = Orca(ROBOT, sidestep=0.01)
-    policy.prepare(world(walls))
-    box = torch.tensor([[[*person, 0.15, 0.15, 0.0]]])
+def step_aside(
+    person, motion=(0, 0), walls=(), yaw=0.0, robot=ROBOT, last=None, margins=None, others=()
+):
+    """The command of ORCA in the second step, after the action ``last``."""
+    policy = Orca(robot, sidestep=0.01, **(margins or {}))
+    policy.prepare(world(walls, speed=math.hypot(*motion) / 0.2, people=1 + len(others)))
+    box = torch.tensor([[[*place, 0.15, 0.15, 0.0] for place in (person, *others)]])
     observation = TensorDict(
         {
             keys.POSE: torch.tensor([[0.0, 0.0, yaw]]),
@@ -235,9 +320,11 @@ def step_aside(person, motion=(0.0, 0.0), walls=(), yaw=0.0):
         },
         [1],
     )
-    policy(observation)
+    observation = policy(observation).exclude(keys.ACTION)
+    if last is not None:
+        observation[keys.ACTION] = torch.tensor([last])
     observation[keys.PEDESTRIAN_BOXES] = box
-    return physical_command(ROBOT, policy(observation)[keys.ACTION])[0].tolist()
+    return physical_command(robot, policy(observation)[keys.ACTION])[0].tolist()
 
 
 @rvo
@@ -258,6 +345,74 @@ def test_orca_takes_all_of_the_avoidance():
     miss = abs(relative[0] * -0.05 - relative[1] * 1.5)
     assert w > 0
     assert miss >= ROBOT.radius + 0.15 * math.sqrt(2) + 0.1 - 0.02
+
+
+@rvo
+def test_orca_starts_from_its_last_command():
+    """Two commands of the step before, two solutions: RVO2 linearizes around the velocity."""
+    chosen = [step_aside((0.9, 0.1), last=last) for last in (None, [-1.0, 0.0], [1.0, 0.0])]
+    assert chosen[0] == chosen[1]  # at rest
+    assert chosen[2] != pytest.approx(chosen[1], abs=0.01)
+
+
+@rvo
+@pytest.mark.parametrize("wall_margin", [0.0, 0.03, 0.05])
+def test_orca_keeps_its_margin_off_walls(wall_margin):
+    """Facing a wall 0.06 m off the hull at a flat angle, it uses what the margin leaves of that."""
+    nobody, yaw = (torch.nan, torch.nan), -0.3
+    wall = (1.0, -(ROBOT.radius + 0.06 + 0.1), 4.0, 0.1, 0.0)
+    v, w = step_aside(nobody, walls=[wall], yaw=yaw, margins={"wall_margin": wall_margin})
+    approach = -v / math.cos(0.2 * w) * math.sin(yaw + 0.2 * w)
+    assert approach == pytest.approx((0.06 - wall_margin) / 0.4, abs=1e-3)  # wall_horizon 0.4 s
+
+
+@rvo
+def test_wall_margin_does_not_change_distances_to_people():
+    for person in ((0.9, 0.1), (0.5, 0.3), (1.2, -0.2)):
+        near, far = (step_aside(person, margins={"wall_margin": m}) for m in (0.0, 0.2))
+        assert near == pytest.approx(far, abs=1e-4)
+
+
+@rvo
+@pytest.mark.parametrize("max_speed", [0.2, 1.0])
+def test_orca_reacts_within_its_time_horizon(max_speed):
+    """A pedestrian at 0.6 m/s, head on: contact in 1.9 s is avoided, in 2.1 s not yet."""
+    slow = DifferentialDrive(max_speed=max_speed)
+    contact = ROBOT.radius + 0.15 * math.sqrt(2) + 0.1
+    for time_s, reacts in ((1.9, True), (2.1, False)):
+        distance = contact + (max_speed + 0.6) * time_s
+        v, w = step_aside((distance, 0.0), motion=(-0.12, 0.0), robot=slow, last=[1.0, 0.0])
+        assert (v < 0.99 * max_speed or abs(w) > 0.06) is reacts
+
+
+@rvo
+def test_orca_takes_velocities_from_the_last_step(monkeypatch):
+    """A pedestrian at 0.6 m/s is at 0.6 m/s in every step, and at rest in the first."""
+    policy, seen = Orca(ROBOT), []
+    policy.prepare(world(speed=0.6))
+    monkeypatch.setattr(policy, "_solve", lambda *row: seen.append(row[-1][0]) or (0.0, 0.0))
+    observation = TensorDict({keys.POSE: torch.zeros(1, 3), keys.WAYPOINTS: AHEAD[None]}, [1])
+    for step in range(4):
+        box = torch.tensor([[[2.0 - 0.12 * step, 0.5, 0.15, 0.15, 0.0]]])
+        policy(observation.set(keys.PEDESTRIAN_BOXES, box))
+    speeds = [0.0, -0.6, -0.6, -0.6]
+    torch.testing.assert_close(torch.tensor(seen), torch.tensor([[v, 0.0] for v in speeds]))
+
+
+@rvo
+def test_orca_considers_more_than_the_nearest_pedestrian():
+    """One stands behind, nearest; the other is head on."""
+    alone = step_aside((1.0, -0.05))
+    assert step_aside((-0.6, 0.0)) != pytest.approx(alone, abs=0.1)
+    assert step_aside((-0.6, 0.0), others=[(1.0, -0.05)]) == pytest.approx(alone, abs=1e-4)
+
+
+@rvo
+def test_orca_turns_instead_of_backing_up():
+    reverse = DifferentialDrive(min_speed=-0.25)
+    v, w = step_aside((0.55, 0.0), motion=(-0.16, 0.0), robot=reverse)
+    assert v >= -1e-6
+    assert abs(w) > 1.0
 
 
 @rvo
@@ -284,7 +439,8 @@ def test_orca_must_be_prepared_and_names_what_cannot_be():
     observation[keys.PEDESTRIAN_BOXES] = torch.zeros(1, 1, 5)
     with pytest.raises(RuntimeError, match="prepare"):
         Orca(ROBOT)(observation)
-    for name, value in (("iterations", 0), ("waypoint", -1), ("time_horizon", 0.0)):
+    wrong = {"iterations": 0, "waypoint": -1, "time_horizon": 0.0, "margin": -1, "wall_margin": -1}
+    for name, value in wrong.items():
         with pytest.raises(ValueError, match=f"{name}={value}"):
             Orca(ROBOT, **{name: value})
 

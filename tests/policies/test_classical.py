@@ -1,6 +1,7 @@
 """Classical controllers: geometry by hand, in the units that the environment undoes."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -86,6 +87,17 @@ def test_random_fills_the_limits_and_repeats_with_its_seed():
     assert first.mean(0).abs().max() < 0.05
     assert first.std(0).sub(1 / math.sqrt(3)).abs().max() < 0.03
     assert abs(torch.corrcoef(first.T)[0, 1]) < 0.06
+
+
+def test_random_draws_differ_for_each_seed_and_scenario():
+    def draws(seed, noise_seed):
+        policy = UniformRandom(seed=seed)
+        policy.prepare(SimpleNamespace(noise_seed=torch.tensor([noise_seed])))
+        return tuple(policy(TensorDict({}, [1]))[keys.ACTION][0].tolist())
+
+    pairs = [(seed, noise) for seed in range(3) for noise in range(3)]
+    assert len({draws(*pair) for pair in pairs}) == len(pairs)
+    assert draws(1, 2) == draws(1, 2)
 
 
 def test_random_leaves_the_global_generator_alone():

@@ -49,6 +49,23 @@ def test_yaw_stays_within_one_turn(advance):
 
 
 @pytest.mark.parametrize("advance", ADVANCES)
+@pytest.mark.parametrize("yaw", [math.pi, -math.pi])
+def test_half_a_turn_is_pi_not_minus_pi(advance, yaw):
+    end, _ = advance(DifferentialDrive(), (0.0, 0.0, yaw), (0.0, 0.0), (0.0, 0.0), 1.0)
+    assert end[2] == math.pi
+
+
+@pytest.mark.parametrize("advance", ADVANCES)
+@pytest.mark.parametrize("w", [20.0, -20.0])
+def test_several_turns_end_on_the_circle(advance, w):
+    """Three turns and a bit of radius v / w; the yaw loses whole turns."""
+    robot = DifferentialDrive(max_turn_rate=30.0)
+    end, _ = advance(robot, (0.0, 0.0, 0.0), (0.0, 0.0), (1.0, w), 1.0)
+    expected = [math.sin(w) / w, (1 - math.cos(w)) / w, w - math.copysign(6 * math.pi, w)]
+    assert end == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("advance", ADVANCES)
 def test_commands_are_clipped(advance):
     robot = DifferentialDrive(max_speed=0.7, max_turn_rate=1.0)
     _, velocity = advance(robot, (0.0, 0.0, 0.0), (0.0, 0.0), (3.0, -9.0), 0.1)

@@ -98,6 +98,72 @@ def test_without_a_way_out_the_most_room_is_kept():
     assert v == 0.0
 
 
+@pytest.mark.parametrize("w", [0.0, 0.371, -math.pi])
+def test_shield_keeps_a_stop_command_beside_a_noisy_wall(w):
+    """A wall 0.04 m off the hull, pooled from 1,440 beams with the shipped lidar's noise."""
+    beams = torch.arange(1440) * (2 * math.pi / 1440)
+    true = torch.where(beams.sin() > 0.07, (RADIUS + 0.04) / beams.sin(), 9.0).clamp_max(3.5)
+    noise = 0.025 * torch.randn(2000, 1440, generator=torch.Generator().manual_seed(0))
+    ranges = torch.where(true < 3.5, true + noise, 3.5)
+    scan = MinPool()(TensorDict({keys.RANGES: ranges}, [2000]))
+    still = scan[keys.POINTS][:, :1].repeat(1, 1, 2)
+    scan.update({keys.TAGD: still, keys.TAGD_VALID: torch.ones(2000, 1, 2, dtype=torch.bool)})
+    near = scan[keys.POINTS].norm(dim=-1).amin(-1) - RADIUS <= MARGIN
+    assert near.float().mean() > 0.9  # the noise puts the wall within the margin
+    asked = torch.tensor([0.0, w]).expand(2000, 2)
+    assert torch.equal(ActionShield().inv(scan.set(keys.ACTION, asked))["action"], asked)
+
+
+def test_shield_leaves_a_stop_when_a_pedestrian_moves_in():
+    person, motion = (0.0, 0.55), (0.0, -0.2)
+    assert driven(seen(person), 0.0) == (0.0, 0.0)
+    command = driven(seen(person, motion=motion), 0.0)
+    assert hull_gap((0.0, 0.0), person, motion) < MARGIN
+    assert hull_gap(command, person, motion) > MARGIN - 0.01
+
+
+def test_a_command_along_a_wall_within_the_margin_passes():
+    """It comes no nearer to what is near already, so nothing is more similar than itself."""
+    wall = [(0.02 * k, RADIUS + 0.02) for k in range(-50, 51)]
+    assert driven(seen(*wall), 0.731) == (torch.tensor(0.731).item(), 0.0)
+    turned = driven(seen(*wall), 0.731, 1.0)  # towards the wall
+    assert turned[1] <= 0.0 and turned[0] > 0.4
+
+
+def test_present_clearance_counts():
+    """Driving away at any speed has the clearance of now: the most similar command is driven."""
+    behind = (-(RADIUS + 0.01), 0.0)
+    assert driven(seen(behind), 0.25) == (0.25, 0.0)
+
+
+@pytest.mark.parametrize(("gap", "passes"), [(MARGIN - 0.005, False), (MARGIN + 0.005, True)])
+def test_margin_decides_which_commands_pass(gap, passes):
+    """Driven for 0.4 s, the command ends ``gap`` m before a point."""
+    point = (RADIUS + 0.5 * 0.4 + gap, 0.0)
+    assert (driven(seen(point), 0.5) == (0.5, 0.0)) is passes
+
+
+def test_present_and_each_half_step_are_checked():
+    assert ActionShield().times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert ActionShield(checks_per_step=1).times == pytest.approx([0.0, 0.2, 0.4])
+
+
+def test_ties_go_to_the_most_similar_command():
+    """A point within the margin ahead: all that drive no nearer tie at the present clearance."""
+    point = (RADIUS + 0.01, 0.0)
+    v, w = driven(seen(point), 0.5, 1.0)
+    grid = torch.linspace(-math.pi, math.pi, 25)
+    assert v == 0.0
+    assert abs(w - 1.0) == pytest.approx((grid - 1.0).abs().min().item(), abs=1e-5)
+
+
+def test_a_robot_that_drives_backwards_can_stop():
+    """Its speeds from -0.25 to 0.75 m/s in steps of 0.1 miss zero; the grid does not."""
+    ring = [(0.19 * math.cos(a), 0.19 * math.sin(a)) for a in torch.linspace(0, 6.2, 60).tolist()]
+    v, _ = driven(seen(*ring), 0.75, min_speed=-0.25, max_speed=0.75)
+    assert v == 0.0
+
+
 def test_pedestrians_walk_on_with_their_descriptors():
     """Somebody comes from the left, 0.2 m a step: in 0.4 s he is in front of the robot."""
     person, motion = (0.5, 0.45), (0.0, -0.2)
@@ -124,6 +190,17 @@ def test_only_points_around_a_moved_group_move():
     motion = point_motion(points, tagd, valid, **kind)
     torch.testing.assert_close(motion[0, :, 0], torch.tensor([0.1, 0.1, 0.0]))
     assert motion[..., 1].abs().max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("step", "moves"), [(0.04, False), (0.06, True), (0.29, True), (0.31, False)]
+)
+def test_motion_between_least_and_most_counts(step, moves):
+    points = torch.tensor([[[1.0, 0.0]]])
+    tagd = torch.tensor([[[1.0, step, 1.0, 0.0]]])
+    valid = torch.ones(1, 1, 2, dtype=torch.bool)
+    motion = point_motion(points, tagd, valid, least=0.05, most=0.3, group_radius=0.3)
+    torch.testing.assert_close(motion[0, 0], torch.tensor([0.0, -step if moves else 0.0]))
 
 
 def test_room_is_taken_at_the_time_of_the_place():

@@ -1,12 +1,14 @@
-"""From physical commands to the normalised actions that policies write."""
+"""Physical commands and the normalized actions that policies write."""
 
 from __future__ import annotations
 
 import functools
 
 import torch
+from tensordict import TensorDictBase
 from torch import Tensor
 
+from navrl import keys
 from navrl.sim import DifferentialDrive
 
 
@@ -29,6 +31,24 @@ def physical_command(robot: DifferentialDrive, action: Tensor) -> Tensor:
     """Undo :func:`normalized_action`: ``[*B, 2]`` in [-1, 1] to (v, w)."""
     low, high = _limits(robot.command_limits, action.dtype, action.device)
     return low + (action + 1) / 2 * (high - low)
+
+
+def last_command(robot: DifferentialDrive, tensordict: TensorDictBase) -> Tensor:
+    """Return the command of the last step, read from the policy's own last action.
+
+    Args:
+        robot: Whose limits -1 and 1 stand for.
+        tensordict: What a policy is called with, ``[*B]``. Its ``action [*B, 2]`` is the one of the
+            step before; it is missing before the first step, and NaN in worlds that were reset
+            while others went on.
+
+    Returns:
+        ``[*B, 2]`` (v, w), m/s and rad/s; zero, at rest, where there is no last action.
+    """
+    action = tensordict.get(keys.ACTION, None)
+    if action is None:
+        return torch.zeros(*tensordict.batch_size, 2, device=tensordict.device)
+    return physical_command(robot, action).nan_to_num(0.0)
 
 
 @functools.lru_cache(maxsize=16)

@@ -8,9 +8,9 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
-from navrl.ops.motion import FAR, point_motion, room_along
+from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
-from navrl.policies.classical.commands import normalized_action, physical_command
+from navrl.policies.classical.commands import last_command, normalized_action
 from navrl.sim import DifferentialDrive
 
 
@@ -72,7 +72,6 @@ class DynamicWindow(TensorDictModuleBase):
             clearance=clearance,
             group_radius=group_radius,
         )
-        _check_sampling(num_speeds, num_turn_rates)
         if not min(margin, clearance_weight, path_weight) >= 0:
             raise ValueError(
                 f"margin={margin}, clearance_weight={clearance_weight}, "
@@ -92,9 +91,9 @@ class DynamicWindow(TensorDictModuleBase):
         self.clearance_weight, self.path_weight = clearance_weight, path_weight
         self.speed_range = (least_speed, most_speed)
         self.group_radius = group_radius
-        speeds = torch.linspace(robot.min_speed, robot.max_speed, num_speeds)
-        turns = torch.linspace(-robot.max_turn_rate, robot.max_turn_rate, num_turn_rates)
-        self._samples = torch.cartesian_prod(speeds, turns)
+        self._samples = sample_commands(
+            robot.min_speed, robot.max_speed, robot.max_turn_rate, num_speeds, num_turn_rates
+        )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the normalised action ``[*B, 2]``."""
@@ -105,7 +104,7 @@ class DynamicWindow(TensorDictModuleBase):
         )
         points = torch.where(returns.unsqueeze(-1), points, FAR)
         velocity = self._point_velocity(points, *tagd) if tagd else torch.zeros_like(points)
-        samples = self._window(tensordict.get(keys.ACTION, None), len(points), points.device)
+        samples = self._window(last_command(self.robot, tensordict).reshape(-1, 1, 2))
         arcs = self._arcs(samples)
         room = self._room(arcs, points, velocity)
         best = self._score(arcs, room, waypoints).argmax(-1)
@@ -113,16 +112,13 @@ class DynamicWindow(TensorDictModuleBase):
         action = normalized_action(self.robot, command)
         return tensordict.set(keys.ACTION, action.reshape(*batch, 2))
 
-    def _window(self, last_action: Tensor | None, count: int, device: torch.device) -> Tensor:
-        """Return ``[N, S, 2]`` commands that the wheels can reach within a step."""
-        samples = self._samples.to(device).expand(count, -1, -1)
+    def _window(self, driven: Tensor) -> Tensor:
+        """Return ``[N, S, 2]`` commands that the wheels reach in a step from ``[N, 1, 2]``."""
+        samples = self._samples.to(driven.device).expand(len(driven), -1, -1)
         change = self.robot.acceleration_limit * self.time_step_s
         if change == float("inf"):
             return samples
-        driven = torch.zeros(count, 1, 2, device=device)  # at rest before the first action
-        if last_action is not None:
-            driven = physical_command(self.robot, last_action.reshape(count, 1, 2))
-        reach = torch.tensor([change, 2 * change / self.robot.wheel_separation], device=device)
+        reach = driven.new_tensor([change, 2 * change / self.robot.wheel_separation])
         return torch.minimum(torch.maximum(samples, driven - reach), driven + reach)
 
     def _arcs(self, samples: Tensor) -> Tensor:
@@ -161,11 +157,3 @@ def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name}={value}: must be > 0")
-
-
-def _check_sampling(num_speeds: int, num_turn_rates: int) -> None:
-    if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
-        raise ValueError(
-            f"num_speeds={num_speeds}: need at least 2; "
-            f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
-        )

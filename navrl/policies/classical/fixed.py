@@ -10,6 +10,10 @@ from navrl import keys
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
+_WEYL = (
+    0x9E3779B1  # odd, so that seeds differ in all 32 bits; torch's CPU generator reads no others
+)
+
 
 class StandStill(TensorDictModuleBase):
     """Never move.
@@ -54,7 +58,8 @@ class UniformRandom(TensorDictModuleBase):
 
     def prepare(self, scenarios: ScenarioBatch) -> None:
         """Begin the draws of each scenario's episode."""
-        seeds = [(self._seed << 32) + noise for noise in scenarios.noise_seed.tolist()]
+        shift = _WEYL * self._seed
+        seeds = [(noise + shift) % 2**32 for noise in scenarios.noise_seed.tolist()]
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

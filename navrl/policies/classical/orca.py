@@ -13,35 +13,38 @@ from torch import Tensor
 from navrl import keys
 from navrl.extras import install_hint
 from navrl.ops import se2
-from navrl.policies.classical.commands import normalized_action, physical_command
+from navrl.policies.classical.commands import last_command, normalized_action
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
 PREVIOUS_BOXES = "pedestrian_boxes_previous"  # [N, K, 5], what this controller saw a step ago
 _ROBOT = 0  # its number in RVO2; people follow
-_NOWHERE = 1e4  # m, where people are who are not there
+_NOWHERE = 1e4  # m, position of absent people
 
 
 class Orca(TensorDictModuleBase):
-    """Follow the waypoints with the velocity nearest to the wanted one that touches nobody.
+    """Follow the waypoints with the collision-free velocity nearest to the preferred one.
 
-    It cheats: it reads the walls and the true boxes of the pedestrians, and their velocities by
-    difference. The geometry and the linear program are RVO2's. RVO2 lets each of two agents take
-    half of the avoidance, but these pedestrians take none; so a step is solved again from the
-    velocity it gave, ``iterations`` times, each halving what is still missing. Pedestrians are
-    discs around their cuboids, walls are RVO2's obstacles. The robot turns to the velocity it is
-    given and drives on as far as it faces it.
+    The controller is privileged: it reads the walls and the true boxes of the pedestrians, and
+    their velocities by difference. The geometry and the linear program are RVO2's. RVO2 lets each
+    of two agents take half of the avoidance, but these pedestrians take none; so a step is solved
+    again from the velocity it gave, ``iterations`` times, each halving what is still missing. The
+    first of them starts from the robot's own last command. Pedestrians are discs around their
+    cuboids, walls are RVO2's obstacles. The robot turns to the velocity it is given and drives on
+    as far as it faces it; this arc leaves the straight line that RVO2 checks, which
+    ``wall_margin`` allows for.
 
     Args:
         robot: Whose hull and limits count.
         waypoint: Index of the waypoint driven to.
         time_step_s: s.
-        time_horizon: s that people are avoided ahead.
-        wall_horizon: s that walls are avoided ahead.
-        margin: m kept off people beside the discs.
+        time_horizon: s within which contacts with people are avoided.
+        wall_horizon: s within which contacts with walls are avoided.
+        margin: m kept between the hull and the pedestrians' discs.
+        wall_margin: m kept between the hull and walls.
         iterations: RVO2 steps solved for one.
-        sidestep: rad that the wanted velocity points to the left of the waypoint, so that somebody
-            who stands exactly in between does not hold the robot for ever.
+        sidestep: rad that the preferred velocity points to the left of the waypoint, so that a
+            person who stands exactly in between does not stop the robot forever.
 
     Raises:
         ImportError: If RVO2's binding is not installed.
@@ -60,6 +63,7 @@ class Orca(TensorDictModuleBase):
         time_horizon: float = 2.0,
         wall_horizon: float = 0.4,
         margin: float = 0.1,
+        wall_margin: float = 0.05,
         iterations: int = 8,
         sidestep: float = 0.05,
     ) -> None:
@@ -73,41 +77,54 @@ class Orca(TensorDictModuleBase):
         for name, value in positive.items():
             if not value > 0:
                 raise ValueError(f"{name}={value}: must be > 0")
-        if waypoint < 0 or margin < 0 or not abs(sidestep) < math.pi / 2:
-            raise ValueError(
-                f"waypoint={waypoint}, margin={margin}: must be >= 0; "
-                f"sidestep={sidestep}: must be within +-pi/2 rad"
-            )
+        at_least_zero = {"waypoint": waypoint, "margin": margin, "wall_margin": wall_margin}
+        for name, value in at_least_zero.items():
+            if not value >= 0:
+                raise ValueError(f"{name}={value}: must be >= 0")
+        if not abs(sidestep) < math.pi / 2:
+            raise ValueError(f"sidestep={sidestep}: must be within +-pi/2 rad")
         self._rvo = _import_rvo()
         self.in_keys = [keys.POSE, keys.WAYPOINTS, keys.PEDESTRIAN_BOXES]
         self.out_keys = [keys.ACTION, PREVIOUS_BOXES]
         self.robot, self.waypoint, self.time_step_s = robot, waypoint, time_step_s
         self.time_horizon, self.wall_horizon = time_horizon, wall_horizon
-        self.margin, self.iterations, self.sidestep = margin, iterations, sidestep
+        self.margin, self.wall_margin = margin, wall_margin
+        self.iterations, self.sidestep = iterations, sidestep
         self._worlds: list = []
 
     def prepare(self, scenarios: ScenarioBatch) -> None:
-        """Read the walls of the worlds that are played next, ``[N]``."""
+        """Read the walls of the worlds that are played next, ``[N]``, and their people's speed."""
         corners = _corners(scenarios.boxes).tolist()
-        people = scenarios.ped_half.norm(dim=-1).amax(-1).tolist()
         count = scenarios.num_boxes.tolist()
+        here = scenarios.ped_present
+        radius = scenarios.ped_half.norm(dim=-1).masked_fill(~here, 0.0).amax(-1).tolist()
+        speed = scenarios.ped_speed.masked_fill(~here, 0.0).amax(-1).tolist()
         self._worlds = [
-            self._make_world(corners[n][: count[n]], people[n]) for n in range(len(scenarios))
+            self._make_world(corners[n][: count[n]], radius[n], speed[n], here.shape[-1])
+            for n in range(len(scenarios))
         ]
 
-    def _make_world(self, walls: list, person_radius: float) -> object:
-        """Return a simulator of RVO2 with the walls and the robot in it."""
+    def _make_world(
+        self, walls: list, person_radius: float, person_speed: float, max_people: int
+    ) -> object:
+        """Return a simulator of RVO2 with the walls and the robot in it.
+
+        An agent of RVO2 has one radius for all. The robot's includes ``wall_margin``; what people
+        have in addition is part of theirs.
+        """
         robot = self.robot
-        reach = 2 * robot.max_speed * self.time_horizon + 1.0  # m, whom the robot may meet in time
+        gap = robot.radius + person_radius + self.margin  # m between centers at a contact
+        reach = (robot.max_speed + person_speed) * self.time_horizon + gap
+        hull = robot.radius + self.wall_margin
         world = self._rvo.RVOSimulator(
-            self.time_step_s, reach, 0, 0.1, 0.1, person_radius + self.margin, 10.0
-        )  # as people are: they mind nobody
+            self.time_step_s, reach, 0, 0.1, 0.1, gap - hull, 10.0
+        )  # defaults for people, who are non-reactive: 0 neighbors
         for wall in walls:
             world.add_obstacle(wall)
         world.process_obstacles()
         world.add_agent(
-            (0.0, 0.0), reach, 16, self.time_horizon, self.wall_horizon,
-            robot.radius, robot.max_speed,
+            (0.0, 0.0), reach, max(1, max_people), self.time_horizon, self.wall_horizon,
+            hull, robot.max_speed,
         )  # fmt: skip
         return world
 
@@ -130,7 +147,8 @@ class Orca(TensorDictModuleBase):
         place = boxes[..., :2].nan_to_num(_NOWHERE)
         yaw = pose[:, 2]
         wanted = se2.rotate(self._wanted(waypoints[:, self.waypoint]), yaw)
-        now = se2.rotate(self._driven(tensordict), yaw)
+        forward = last_command(self.robot, tensordict)[:, :1]
+        now = se2.rotate(torch.cat([forward, torch.zeros_like(forward)], -1), yaw)
         rows = zip(
             self._worlds, *(v.tolist() for v in (pose, now, wanted, place, velocity)), strict=True
         )
@@ -144,18 +162,10 @@ class Orca(TensorDictModuleBase):
         angle = torch.full_like(waypoint[:, 0], self.sidestep)
         return se2.rotate(self.robot.max_speed * waypoint / distance, angle)
 
-    def _driven(self, tensordict: TensorDictBase) -> Tensor:
-        """Return ``[N, 2]`` m/s, robot frame, as last commanded."""
-        velocity = torch.zeros(len(self._worlds), 2, device=tensordict.device)
-        action = tensordict.get(keys.ACTION, None)
-        if action is not None:
-            velocity[:, 0] = physical_command(self.robot, action)[:, 0]
-        return velocity
-
     def _solve(
         self, world: object, pose: list, velocity: list, wanted: list, places: list, speeds: list
     ) -> tuple[float, float]:
-        """Return the velocity that avoids all by itself, m/s, world frame."""
+        """Return the velocity with all of the avoidance, m/s, world frame."""
         for _ in range(len(places) + 1 - world.get_num_agents()):
             world.add_agent((_NOWHERE, _NOWHERE))
         for _ in range(self.iterations):

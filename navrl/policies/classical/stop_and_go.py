@@ -1,4 +1,4 @@
-"""Stop and go: pure pursuit that waits while something is in its way."""
+"""Stop and go: pure pursuit that waits while its path is blocked."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ from navrl.sim import DifferentialDrive
 
 
 class StopAndGo(TensorDictModuleBase):
-    """Drive the arc of pure pursuit; stand while a point of the scan lies on it.
+    """Drive the arc of pure pursuit; stop while a point of the scan lies on it.
 
-    While it stands it turns to the waypoint. Whoever stands on the path holds it for ever, and it
-    does not step aside for those who come.
+    While it waits it turns to the waypoint. A person who stands on the path blocks it forever, and
+    it does not step aside for people who approach.
+
+    The defaults let it pass walls: an arc extrapolated farther than ``stop_distance`` leaves the
+    path in bends and meets walls that the robot would never touch, and a pooled reading, the least
+    of several noisy ones, is too short, which a negative ``margin`` allows for.
 
     Args:
         robot: Whose hull and limits count.
         waypoint: Index of the waypoint that is pursued.
         stop_distance: m of arc ahead that must be free.
-        margin: m beside the hull that must be free.
+        margin: m beside the hull that must be free; negative for readings that are too short.
 
     Raises:
         ValueError: If a value is out of range.
@@ -35,8 +39,8 @@ class StopAndGo(TensorDictModuleBase):
         self,
         robot: DifferentialDrive,
         waypoint: int = 1,
-        stop_distance: float = 0.6,
-        margin: float = 0.0,
+        stop_distance: float = 0.4,
+        margin: float = -0.05,
     ) -> None:
         super().__init__()
         if not stop_distance > 0 or not margin > -robot.radius:
