@@ -11,6 +11,7 @@ RANK = {
     "keys": 0,
     "ops": 0,
     "config": 0,
+    "files": 0,
     "progress_bar": 0,
     "worlds": 1,
     "sim": 2,
