@@ -137,6 +137,16 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     return PolicyBundle(folder, config, actor.eval(), metrics, allow)
 
 
+def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
+    """Return what the bundle in ``folder`` scored when it was saved; ``None`` without a bundle.
+
+    Raises:
+        BundleError: If the file of the scores is missing or damaged.
+    """
+    folder = Path(folder)
+    return _read_metrics(folder / "metrics.json") if folder.is_dir() else None
+
+
 def _read_config(file: Path) -> dict[str, Any]:
     try:
         config = yaml.load(file.read_text(encoding="utf-8"), Loader=_PlainLoader)
