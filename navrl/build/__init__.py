@@ -17,7 +17,9 @@ from navrl.build.evaluation import (
     run_evaluation,
 )
 from navrl.build.latency import measure_latency
+from navrl.build.resuming import record_config, resumed_config
 from navrl.build.run_folder import claim_folder
+from navrl.build.run_lock import locked, new_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "bundle_folder",
     "claim_folder",
     "finished_evaluation",
+    "locked",
     "make_agent",
     "make_contender",
     "make_env",
@@ -33,8 +36,11 @@ __all__ = [
     "make_pool",
     "make_trainer",
     "measure_latency",
+    "new_folder",
     "observation_shapes",
     "record",
+    "record_config",
+    "resumed_config",
     "run_benchmark",
     "run_evaluation",
     "save_policy",

@@ -18,6 +18,11 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> float:
     """Evaluate; return the success rate."""
     folder = Path(HydraConfig.get().runtime.output_dir)
+    with build.locked(folder):
+        return _evaluate(cfg, folder)
+
+
+def _evaluate(cfg: DictConfig, folder: Path) -> float:
     build.set_threads(cfg)
     summary = build.finished_evaluation(cfg, folder)
     if summary is None:
