@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,7 +11,9 @@ import time
 
 import pytest
 import torch
-from runs import tiny_trainer
+from runs import TINY, tiny_trainer
+
+from navrl.training import CheckpointError, TrainingStoppedError
 
 
 class KilledError(Exception):
@@ -146,6 +149,61 @@ def test_lost_policy_is_saved_anew(tmp_path):
     resumed, saved = rated(tmp_path, [0.125, 0.25])
     resumed.run()
     assert saved == [0.125, 0.25]
+
+
+@pytest.mark.parametrize(
+    ("number", "moment"), [(signal.SIGTERM, "step"), (signal.SIGINT, "evaluation")]
+)
+def test_signal_saves_the_run_and_ends_it(tmp_path, whole, number, moment):
+    trainer = tiny_trainer(tmp_path, ["schedule.checkpoint_every_s=1000"])
+    step, evaluate = trainer.collector.step, trainer.evaluate
+
+    def interrupted(*args):
+        if trainer.progress.updates >= 20:
+            os.kill(os.getpid(), number)
+        return step(*args) if moment == "step" else evaluate(*args)
+
+    if moment == "step":
+        trainer.collector.step = interrupted
+    else:
+        trainer.evaluate = interrupted
+    with pytest.raises(TrainingStoppedError, match=f"stopped by {number.name} after") as stop:
+        trainer.run()
+    assert f"resume={tmp_path} continues" in str(stop.value)
+    resumed = tiny_trainer(tmp_path)
+    resumed.run()
+    assert_same_run(resumed, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_signal_to_a_run_with_workers_saves_it(tmp_path, number):
+    """A terminal or a scheduler sends it to the workers, too."""
+    words = [*TINY, "collector=process", "schedule.total_frames=1000000", "hydra.run.dir=run"]
+    command = [sys.executable, "-m", "navrl.cli.train", *words]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    log, deadline = tmp_path / "run" / "metrics.csv", time.monotonic() + 300
+    while not log.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    os.killpg(process.pid, number)
+    told = process.communicate(timeout=120)[1]
+    assert process.returncode == 128 + number
+    (line,) = [line for line in told.splitlines() if "torchrl" not in line]
+    assert line.startswith(f"navrl: stopped by {number.name} after ")
+    trainer = tiny_trainer(tmp_path / "run", ["collector=process"])
+    trainer._restore()
+    assert trainer.progress.frames > 40
+
+
+def test_missing_state_does_not_begin_again(tmp_path, whole):
+    shutil.copytree(whole.folder, tmp_path / "run")
+    (tmp_path / "run" / "checkpoint" / "state.pt").unlink()
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(CheckpointError, match=r"state\.pt: missing"):
+        tiny_trainer(tmp_path / "run").run()
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_checkpoints_without_the_new_keys_resume(tmp_path, whole):
