@@ -45,16 +45,19 @@ class CheckpointStore:
         """Whether there is something to resume from."""
         return self._file.is_file()
 
-    def check_new(self) -> None:
+    def check_new(self, log: Path) -> None:
         """Verify that a run without a state file has not lost it.
 
+        Args:
+            log: File that a run writes only after its first checkpoint.
+
         Raises:
-            CheckpointError: If the replay journal is there and its state file is not.
+            CheckpointError: If the log or the replay journal is there.
         """
-        if not self.exists and any(self.journal.glob("chunk_*")):
+        if not self.exists and (log.is_file() or any(self.journal.glob("chunk_*"))):
             raise CheckpointError(
-                f"{self._file}: missing, but its replay journal is there; {ADVICE} (to train "
-                f"again from frame 0 in this folder, delete {self.folder})"
+                f"{self._file}: missing, though the run has saved before; {ADVICE} (to train again "
+                f"from frame 0 in this folder, delete {self.folder} and {log})"
             )
 
     def save(self, state: dict) -> None:

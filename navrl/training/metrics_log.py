@@ -12,6 +12,8 @@ from torch.utils.tensorboard import SummaryWriter
 
 from navrl.files import replacing
 
+LOG_FILE = "metrics.csv"
+
 
 class MetricsLog:
     """Append rows of named scalars to ``metrics.csv`` and mirror them to TensorBoard.
@@ -35,7 +37,7 @@ class MetricsLog:
         resume_frames: int | None = None,
         resume_rows: int | None = None,
     ) -> None:
-        self._file = Path(folder) / "metrics.csv"
+        self._file = Path(folder) / LOG_FILE
         self._columns: list[str] = ["frames", "updates"]
         self.num_rows = 0
         if self._file.is_file():

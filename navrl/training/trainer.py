@@ -20,7 +20,7 @@ from navrl.training.checkpoint import CheckpointStore, resumable
 from navrl.training.collectors import Collector
 from navrl.training.curriculum import Curriculum
 from navrl.training.interruption import StopRequested, StopSignals, TrainingStoppedError
-from navrl.training.metrics_log import MetricsLog
+from navrl.training.metrics_log import LOG_FILE, MetricsLog
 from navrl.training.replay import Replay
 from navrl.training.schedule import Progress, Schedule
 from navrl.training.window import Window
@@ -97,23 +97,20 @@ class Trainer:
             OSError: If a file cannot be written, e.g. on a full disk; the last checkpoint stays.
         """
         resumed = self.checkpoints.exists
-        rows = self._restore() if resumed else self.checkpoints.check_new()
+        rows = self._restore() if resumed else self.checkpoints.check_new(self.folder / LOG_FILE)
         frames = self.progress.frames if resumed else None
         self._log = MetricsLog(self.folder, resume_frames=frames, resume_rows=rows)
         total, done = self.schedule.total_frames, self.progress.frames
         bar = progress_bar(total, "frame", initial=done, enabled=self.progress_bar)
-        try:
-            with (
-                StopSignals() as self._signals,
-                resumable(self.folder),
-                set_exploration_type(ExplorationType.RANDOM),
-            ):
-                self._start()
-                self._loop(bar)
-        finally:
-            self.collector.close()
-            bar.close()
-            self._log.close()
+        with StopSignals() as self._signals, resumable(self.folder):
+            try:
+                with set_exploration_type(ExplorationType.RANDOM):
+                    self._start()
+                    self._loop(bar)
+            finally:
+                self.collector.close()
+                bar.close()
+                self._log.close()
         return self.progress
 
     def _start(self) -> None:
@@ -143,11 +140,12 @@ class Trainer:
                     last_checkpoint = time.monotonic()
             if progress.evaluated_frames < progress.frames:
                 self._evaluate()
+            self._save()
+            self._signals.check()
         except StopRequested:
             self._save()
             done = f"{progress.frames} of {schedule.total_frames} frames"
             raise TrainingStoppedError(self._signals.received, done, self.folder) from None
-        self._save()
 
     def _updates_due(self) -> float:
         if not len(self.replay):  # n-step returns hold the first steps back

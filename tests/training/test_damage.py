@@ -165,14 +165,20 @@ def test_log_keeps_the_rows_of_the_checkpoint_only(tmp_path):
     assert (tmp_path / "metrics.csv").read_text().split()[1:] == ["10,1,1", "10,1,2", "20,2,4"]
 
 
-def test_journal_without_its_state_is_not_deleted(tmp_path):
-    store, replay = CheckpointStore(tmp_path), Replay(["x"], capacity=10, batch_size=4)
-    store.check_new()
+@pytest.mark.parametrize("left", ["journal", "log"])
+def test_run_that_lost_its_state_is_not_begun_again(tmp_path, left):
+    store, replay = (
+        CheckpointStore(tmp_path / "checkpoint"),
+        Replay(["x"], capacity=9, batch_size=4),
+    )
+    log = tmp_path / "metrics.csv"
+    store.check_new(log)
     replay.extend(steps(5))
     store.save({"replay": replay.save(store.journal)})
-    store.check_new()
-    (tmp_path / "state.pt").unlink()
+    if left == "log":
+        log.write_text("frames,updates\n")
+        shutil.rmtree(store.journal)
+    store.check_new(log)
+    (store.folder / "state.pt").unlink()
     with pytest.raises(CheckpointError, match=r"state\.pt: missing.*put it back.*delete"):
-        store.check_new()
-    shutil.rmtree(store.journal)
-    store.check_new()
+        store.check_new(log)
