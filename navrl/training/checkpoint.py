@@ -107,7 +107,7 @@ def resumable(run: Path) -> Iterator[None]:
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         raise OSError(
-            f"{place}{error.strerror or error}; the last checkpoint is complete, "
+            f"{place}{error.strerror or error}; what was saved before is complete, "
             f"navrl-train resume={run} continues from it"
         ) from error
 

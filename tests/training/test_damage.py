@@ -135,7 +135,7 @@ def test_error_of_the_system_says_how_to_continue(tmp_path):
 
     with pytest.raises(OSError, match="No space") as caught:
         write()
-    assert "last checkpoint is complete" in str(caught.value)
+    assert "saved before is complete" in str(caught.value)
     assert f"resume={tmp_path}" in str(caught.value)
 
 
