@@ -9,7 +9,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from navrl.training import CheckpointError, CheckpointStore, MetricsLog, Replay
+from navrl.training import CheckpointError, CheckpointStore, MetricsLog, Progress, Replay
 from navrl.training.checkpoint import resumable
 
 
@@ -182,3 +182,26 @@ def test_run_that_lost_its_state_is_not_begun_again(tmp_path, left):
     (store.folder / "state.pt").unlink()
     with pytest.raises(CheckpointError, match=r"state\.pt: missing.*put it back.*delete"):
         store.check_new(log)
+
+
+def test_half_written_state_is_removed_at_a_load(tmp_path):
+    store = CheckpointStore(tmp_path)
+    store.save({"x": 1})
+    (tmp_path / ".state.0a1b2c3d.tmp").write_bytes(b"half")
+    assert store.load() == {"x": 1}
+    assert [file.name for file in tmp_path.iterdir()] == ["state.pt"]
+
+
+@pytest.mark.parametrize(
+    ("saved", "best"),
+    [
+        ({"frames": 11, "success_rate": 0.5, "curriculum_level": 1}, (1, 0.5)),
+        ({"frames": 11, "success_rate": 0.5}, (2, 0.5)),  # older: at least the checkpoint's level
+        ({"frames": 9, "success_rate": 0.5, "curriculum_level": 1}, (0, 0.25)),
+        (None, (-1, -1.0)),
+    ],
+)
+def test_best_is_that_of_a_later_saved_policy(saved, best):
+    progress = Progress(frames=10, best_level=0, best_success_rate=0.25)
+    progress.restore_best(saved, level=2)
+    assert (progress.best_level, progress.best_success_rate) == best
