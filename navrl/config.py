@@ -8,6 +8,7 @@ import hashlib
 import inspect
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -129,6 +130,9 @@ class _ErrorLine:
         return None
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            print("navrl: interrupted", file=sys.stderr)
+            sys.exit(128 + signal.SIGINT)
         if not isinstance(error, _USER_ERRORS) or os.environ.get("NAVRL_TRACEBACK"):
             return
         line = describe(error)

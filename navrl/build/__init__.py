@@ -24,7 +24,9 @@ from navrl.build.evaluation import (
 from navrl.build.finished import finished_evaluation, unchanged_evaluation
 from navrl.build.gymnasium import make_gymnasium_env
 from navrl.build.latency import measure_latency
+from navrl.build.resuming import record_config, resumed_config
 from navrl.build.run_folder import claim_folder
+from navrl.build.run_lock import locked, new_folder
 from navrl.build.training import make_agent, make_trainer, observation_shapes, save_policy
 
 __all__ = [
@@ -33,6 +35,7 @@ __all__ = [
     "check_evaluation",
     "claim_folder",
     "finished_evaluation",
+    "locked",
     "make_agent",
     "make_contender",
     "make_env",
@@ -41,8 +44,11 @@ __all__ = [
     "make_pool",
     "make_trainer",
     "measure_latency",
+    "new_folder",
     "observation_shapes",
     "record",
+    "record_config",
+    "resumed_config",
     "run_benchmark",
     "run_evaluation",
     "save_policy",

@@ -8,9 +8,11 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-_FILE = "config.yaml"
+from navrl.files import write_text
+
+CONFIG_FILE = "config.yaml"
 # Neither how it is played, nor what is kept or checked of it, changes a result.
-_HARMLESS = ("num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume")
+HARMLESS = {"num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume"}
 _CHECKS = ("suite.version",)
 
 
@@ -18,7 +20,7 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
     """Write ``cfg`` to ``folder/config.yaml``, or see that the same is there already.
 
     Two configurations in one folder would mix their results; a job of a sweep that is started
-    again finds its own.
+    again finds its own. Hold :func:`navrl.build.run_lock.locked` meanwhile.
 
     Args:
         cfg: What is about to run.
@@ -28,17 +30,19 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
         ValueError: If another configuration has run there, naming what differs.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / _FILE
+    file = folder / CONFIG_FILE
     if file.is_file():
         there, here = flat_values(OmegaConf.load(file)), flat_values(cfg)
-        different = _differences(there, here)
+        different = [
+            f"{name} is {old} there and {new} here" for name, old, new in differences(there, here)
+        ]
         if different:
             shown = "; ".join(different[:3]) + ("; ..." if len(different) > 3 else "")
             raise ValueError(
                 f"{folder}: holds a run of another configuration ({shown}); choose another "
                 "hydra.run.dir or hydra.sweep.dir"
             )
-    OmegaConf.save(cfg, file)
+    write_text(file, OmegaConf.to_yaml(cfg))
 
 
 def flat_values(cfg: DictConfig) -> dict[str, Any]:
@@ -52,16 +56,17 @@ def result_values(cfg: DictConfig) -> dict[str, Any]:
 
 
 def _matters(name: str) -> bool:
-    return name.split(".")[0] not in _HARMLESS and name not in _CHECKS
+    return name.split(".")[0] not in HARMLESS and name not in _CHECKS
 
 
-def _differences(there: dict[str, Any], here: dict[str, Any]) -> list[str]:
-    names = [name for name in {**there, **here} if _matters(name)]
-    return [
-        f"{name} is {there.get(name, 'missing')} there and {here.get(name, 'missing')} here"
-        for name in names
-        if there.get(name, "missing") != here.get(name, "missing")
+def differences(there: dict[str, Any], here: dict[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Return name and both values of what may change a result; ``"missing"`` of a missing one."""
+    pairs = [
+        (name, there.get(name, "missing"), here.get(name, "missing"))
+        for name in {**there, **here}
+        if _matters(name)
     ]
+    return [(name, old, new) for name, old, new in pairs if old != new]
 
 
 def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -24,7 +24,7 @@ from navrl.build.environment import (
 from navrl.build.provenance import recorded_commands
 from navrl.config import instantiate
 from navrl.evaluation import evaluate, rates
-from navrl.policies import save_bundle
+from navrl.policies import save_bundle, saved_metrics
 from navrl.training import Collector, Trainer
 from navrl.training.workers import WorkersCollector
 
@@ -111,6 +111,7 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
         schedule=instantiate(cfg.schedule),
         folder=folder,
         progress_bar=cfg.progress_bar,
+        saved_best=partial(saved_metrics, folder / "policy"),
     )
 
 

@@ -22,6 +22,11 @@ def main(cfg: DictConfig) -> float:
         ValueError: If every episode raised: that is no result.
     """
     folder = Path(HydraConfig.get().runtime.output_dir)
+    with build.locked(folder):
+        return _evaluate(cfg, folder)
+
+
+def _evaluate(cfg: DictConfig, folder: Path) -> float:
     build.set_threads(cfg)
     summary = build.finished_evaluation(cfg, folder)
     if summary is None:

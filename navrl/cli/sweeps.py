@@ -12,8 +12,9 @@ from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig, read_write
+from omegaconf import DictConfig, OmegaConf, read_write
 
+from navrl.build import new_folder
 from navrl.config import CONF_DIR
 from navrl.evaluation import compare, find_evaluations, markdown, write_comparison
 from navrl.policies import zoo_names
@@ -34,6 +35,27 @@ class ExpandPolicies(Callback):
         overrides = list(config.hydra.overrides.task)
         with read_write(config.hydra.overrides):
             config.hydra.overrides.task = [_expanded(override) for override in overrides]
+
+
+class NewFolder(Callback):
+    """Give each command a folder of its own, also those that start within one second.
+
+    Only a folder that is named by the time is new; one that the user names may be there already.
+    """
+
+    def on_run_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Make the folder of a single job."""
+        if _is_named_by_time(config.hydra.run):
+            with read_write(config.hydra.run):
+                config.hydra.run.dir = str(new_folder(Path(config.hydra.run.dir)))
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Make the folder of a sweep, whose jobs compose their configurations anew."""
+        if _is_named_by_time(config.hydra.sweep):
+            folder = str(new_folder(Path(config.hydra.sweep.dir)))
+            with read_write(config.hydra):
+                config.hydra.sweep.dir = folder
+                config.hydra.overrides.hydra.append(f"hydra.sweep.dir={_quoted(folder)}")
 
 
 class NameJobs(Callback):
@@ -84,6 +106,16 @@ def expand_policies(names: list[str]) -> list[str]:
         for name in sorted(set(_controllers()) - set(controllers)):
             log.warning("%s is left out: it needs %s, which is not installed", name, _NEEDS[name])
     return list(dict.fromkeys(expanded))
+
+
+def _is_named_by_time(node: DictConfig) -> bool:
+    return "${now:" in OmegaConf.to_container(node, resolve=False)["dir"]
+
+
+def _quoted(value: str) -> str:
+    """Return ``value`` as a quoted string of Hydra's override grammar."""
+    escaped = value.replace("\\", "\\\\").replace("'", "\\'")
+    return f"'{escaped}'"
 
 
 def _expanded(override: str) -> str:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import gc
 import logging
+import sys
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from navrl import build
 from navrl.build.provenance import record_command
 from navrl.config import compose, hydra_main, set_default, target_packages
+from navrl.training import TrainingStoppedError
 from navrl.viz import plot_curves, save_gif, save_png
 
 log = logging.getLogger(__name__)
@@ -20,12 +22,18 @@ log = logging.getLogger(__name__)
 @hydra_main("train")
 def main(cfg: DictConfig) -> float:
     """Run one training; return the best policy's success rate on the reported suite."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     if cfg.resume is None:
-        build.claim_folder(cfg, folder)
-    else:
-        folder = Path(cfg.resume)
-        cfg = _resumed(folder, cfg)
+        folder = Path(HydraConfig.get().runtime.output_dir)
+        with build.locked(folder):
+            build.claim_folder(cfg, folder)
+            return _train(cfg, folder)
+    folder = Path(cfg.resume)
+    cfg = build.resumed_config(folder, cfg, HydraConfig.get().overrides.task)
+    with build.locked(folder):
+        return _train(cfg, folder)
+
+
+def _train(cfg: DictConfig, folder: Path) -> float:
     build.set_threads(cfg)
     scoring = _scoring(cfg, folder)
     if (folder / "evaluation" / "summary.json").is_file() and build.bundle_folder(str(folder)):
@@ -33,12 +41,17 @@ def main(cfg: DictConfig) -> float:
         summary = build.unchanged_evaluation(scoring, folder / "evaluation")
         return _report(cfg, folder) if summary is None else summary["success_rate"]
     record_command(folder)
+    build.record_config(cfg, folder)
     build.check_evaluation(scoring)  # hours of training must not end in its error
     trainer = build.make_trainer(cfg, folder)
     log.info("updates in %s", trainer.algorithm.precision.name)
     gc.collect()
     gc.freeze()  # all that is there by now stays: no need to look for garbage in it, over and over
-    progress = trainer.run()
+    try:
+        progress = trainer.run()
+    except TrainingStoppedError as stop:
+        print(f"navrl: {stop}", file=sys.stderr)
+        sys.exit(128 + stop.signal_number)  # as a shell reports a signal
     log.info(
         "%d frames, %d updates, %d episodes in %.0f s",
         progress.frames,
@@ -47,19 +60,6 @@ def main(cfg: DictConfig) -> float:
         progress.seconds,
     )
     return _report(cfg, folder)
-
-
-def _resumed(folder: Path, cfg: DictConfig) -> DictConfig:
-    """Return the configuration of the run in ``folder``, on another device if one is given."""
-    file = folder / "config.yaml"
-    if not file.is_file():
-        raise ValueError(f"resume={folder}: no run there, {file} is missing")
-    run = OmegaConf.load(file)
-    if any(override.startswith("device=") for override in HydraConfig.get().overrides.task):
-        if "device" not in run:
-            raise ValueError(f"device={cfg.device}: the run in {folder} is older than this key")
-        run.device = cfg.device
-    return run
 
 
 def _playing(cfg: DictConfig, folder: Path) -> DictConfig:

@@ -2,12 +2,20 @@
 
 from pathlib import Path
 
-from navrl.policies.bundle import BundleError, PolicyBundle, load_bundle, save_bundle
+from navrl.policies.bundle import BundleError, PolicyBundle, load_bundle, save_bundle, saved_metrics
 
 ZOO = Path(__file__).parent / "zoo"
 """Bundles that ship with the package, one folder each."""
 
-__all__ = ["ZOO", "BundleError", "PolicyBundle", "load_bundle", "save_bundle", "zoo_names"]
+__all__ = [
+    "ZOO",
+    "BundleError",
+    "PolicyBundle",
+    "load_bundle",
+    "save_bundle",
+    "saved_metrics",
+    "zoo_names",
+]
 
 
 def zoo_names() -> list[str]:

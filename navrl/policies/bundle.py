@@ -165,6 +165,16 @@ def _read(reader: Callable[[Path, str], dict[str, Any]], file: Path) -> dict[str
         raise BundleError(f"{file}: {reason(error)}") from error
 
 
+def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
+    """Return what the bundle in ``folder`` scored when it was saved; ``None`` without a bundle.
+
+    Raises:
+        BundleError: If the file of the scores is missing or damaged.
+    """
+    folder = Path(folder)
+    return _read_metrics(folder / "metrics.json") if folder.is_dir() else None
+
+
 def _read_config(file: Path) -> dict[str, Any]:
     config = _read(read_yaml, file)
     if config.get("format") != FORMAT:

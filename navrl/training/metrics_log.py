@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import csv
+import io
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
 from torch.utils.tensorboard import SummaryWriter
+
+from navrl.files import replacing
+
+LOG_FILE = "metrics.csv"
 
 
 class MetricsLog:
@@ -19,16 +25,23 @@ class MetricsLog:
         folder: Run folder.
         tensorboard: Whether TensorBoard events are written too.
         resume_frames: Rows beyond this frame count are dropped: they come from after the
-            checkpoint that the run resumes from, and will be written again.
+            checkpoint that the run resumes from, and will be written again. ``None`` drops all.
+        resume_rows: Number of rows when that checkpoint was saved; later ones are dropped too.
+            ``None`` if it is unknown.
     """
 
     def __init__(
-        self, folder: Path, tensorboard: bool = True, resume_frames: int | None = None
+        self,
+        folder: Path,
+        tensorboard: bool = True,
+        resume_frames: int | None = None,
+        resume_rows: int | None = None,
     ) -> None:
-        self._file = Path(folder) / "metrics.csv"
+        self._file = Path(folder) / LOG_FILE
         self._columns: list[str] = ["frames", "updates"]
+        self.num_rows = 0
         if self._file.is_file():
-            self._keep_until(-1 if resume_frames is None else resume_frames)
+            self._keep_until(-1 if resume_frames is None else resume_frames, resume_rows)
         purge = None if resume_frames is None else resume_frames + 1
         self._writer = (
             SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=purge)
@@ -37,21 +50,32 @@ class MetricsLog:
         )
 
     def log(self, frames: int, updates: int, metrics: Mapping[str, float]) -> None:
-        """Write one row and flush it, so that a kill loses nothing that was logged."""
+        """Write one row and flush it, so that a kill loses nothing that was logged.
+
+        Raises:
+            OSError: If writing fails, naming the file.
+        """
         row = {"frames": frames, "updates": updates, **metrics}
         fresh = [name for name in row if name not in self._columns]
-        if fresh:
+        if fresh or not self._file.is_file():
             self._columns += fresh
             self._rewrite(self._rows())
-        elif not self._file.is_file():
-            self._rewrite([])
-        with self._file.open("a", newline="") as file:
-            csv.DictWriter(file, self._columns).writerow(
-                {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
-            )
+        cells = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
+        try:
+            with self._file.open("a", encoding="utf-8", newline="") as file:
+                file.write(self._csv([cells]))
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._file)) from error
+        self.num_rows += 1
         if self._writer is not None:
             for name, value in metrics.items():
                 self._writer.add_scalar(name, value, frames)
+
+    def synchronize(self) -> None:
+        """Put all rows on disk, so that a checkpoint never counts more rows than there are."""
+        if self._file.is_file():
+            with self._file.open("rb") as file:
+                os.fsync(file.fileno())
 
     def close(self) -> None:
         """Flush TensorBoard."""
@@ -59,20 +83,26 @@ class MetricsLog:
             self._writer.close()
 
     def _rows(self) -> list[dict[str, str]]:
+        """Return the complete rows; one that a kill cut off has no line end."""
         if not self._file.is_file():
             return []
-        with self._file.open(newline="") as file:
-            return list(csv.DictReader(file))
+        text = self._file.read_bytes().decode("utf-8", errors="replace")
+        whole = text[: text.rfind("\n") + 1]
+        return list(csv.DictReader(io.StringIO(whole, newline="")))
 
-    def _keep_until(self, frames: int) -> None:
-        rows = self._rows()
-        self._columns = list(dict.fromkeys([*self._columns, *(k for r in rows for k in r)]))
-        self._rewrite([row for row in rows if int(row["frames"]) <= frames])
+    def _keep_until(self, frames: int, rows: int | None) -> None:
+        found = self._rows()[:rows]
+        self._columns = list(dict.fromkeys([*self._columns, *(k for r in found for k in r)]))
+        found = [row for row in found if int(row["frames"]) <= frames]
+        self._rewrite(found)
+        self.num_rows = len(found)
 
     def _rewrite(self, rows: list[dict[str, str]]) -> None:
-        fresh = self._file.with_suffix(".tmp")
-        with fresh.open("w", newline="") as file:
-            writer = csv.DictWriter(file, self._columns)
-            writer.writeheader()
-            writer.writerows(rows)
-        fresh.replace(self._file)
+        header = dict(zip(self._columns, self._columns, strict=True))
+        with replacing(self._file) as file:
+            file.write(self._csv([header, *rows]).encode())
+
+    def _csv(self, rows: list[dict[str, object]]) -> str:
+        text = io.StringIO(newline="")
+        csv.DictWriter(text, self._columns).writerows(rows)
+        return text.getvalue()

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 
 from navrl import keys
+from navrl.files import replacing_path
 from navrl.ops.backend import find_device
+from navrl.training.checkpoint import ADVICE, CheckpointError, damaged
 from navrl.training.n_step import NStepReturn
 
 _DTYPES = {"float16": torch.float16, "float32": torch.float32}
@@ -99,7 +104,7 @@ class Replay:
         self._buffer = ReplayBuffer(storage=storage)
         self.written = 0
         self._journaled = 0
-        self._chunks: list[tuple[int, int]] = []
+        self._chunks: list[tuple[int, int, str]] = []  # first row, row after the last, SHA-256
 
     def __len__(self) -> int:
         return len(self._buffer)
@@ -144,15 +149,18 @@ class Replay:
             folder: Journal folder; one file a call.
 
         Returns:
-            What :meth:`load` needs beside the folder.
+            What :meth:`load` needs beside the folder: the SHA-256 of each chunk among it.
+
+        Raises:
+            OSError: If writing fails; what was saved before stays.
         """
-        folder.mkdir(parents=True, exist_ok=True)
         start = max(self._journaled, self.written - self.capacity)
         if self.written > start:
             rows = torch.arange(start, self.written) % self.capacity
             flat = self._buffer.storage[rows].cpu().flatten_keys(".").to_dict()
-            save_file({k: v.contiguous() for k, v in flat.items()}, self._file(folder, start))
-            self._chunks.append((start, self.written))
+            tensors = {k: v.contiguous() for k, v in flat.items()}
+            digest = _save_chunk(tensors, self._file(folder, start))
+            self._chunks.append((start, self.written, digest))
         self._journaled = self.written
         oldest = self.written - self.capacity
         self._chunks = [chunk for chunk in self._chunks if chunk[1] > oldest]
@@ -164,8 +172,8 @@ class Replay:
 
     def prune(self, folder: Path) -> None:
         """Delete journal files that the last :meth:`save` no longer lists."""
-        kept = {self._file(folder, start) for start, _ in self._chunks}
-        for file in folder.glob("chunk_*.safetensors"):
+        kept = {self._file(folder, start) for start, *_ in self._chunks}
+        for file in folder.glob("*chunk_*"):  # with what a kill left half-written
             if file not in kept:
                 file.unlink()
 
@@ -173,19 +181,18 @@ class Replay:
         """Rebuild the buffer row for row, each at its old place.
 
         Raises:
-            FileNotFoundError: If a chunk is missing.
+            CheckpointError: If a chunk is missing or damaged.
         """
         self.written = self._journaled = int(state["written"])
         for stream, steps in state.get("streams", {}).items():
             self._streams[stream] = self._n_step()
             self._streams[stream].load_state_dict(steps, self.device)
-        self._chunks = [tuple(chunk) for chunk in state["chunks"]]
+        # Journals from before there were checksums list chunks without one.
+        self._chunks = [(start, end, *(digest or [""])) for start, end, *digest in state["chunks"]]
         storage = self._buffer.storage
-        for start, end in self._chunks:
-            file = self._file(folder, start)
-            if not file.is_file():
-                raise FileNotFoundError(f"replay journal: {file} is missing")
-            flat = TensorDict(load_file(file), [end - start]).to(self.device)
+        for start, end, digest in self._chunks:
+            tensors = _load_chunk(self._file(folder, start), digest)
+            flat = TensorDict(tensors, [end - start]).to(self.device)
             storage.set(torch.arange(start, end) % self.capacity, flat.unflatten_keys("."))
         self._buffer.writer.load_state_dict({"_cursor": self.written % self.capacity})
         self.prune(folder)
@@ -197,3 +204,28 @@ class Replay:
 
 def _float(value: torch.Tensor) -> torch.Tensor:
     return value.float() if value.is_floating_point() else value
+
+
+def _save_chunk(tensors: Mapping[str, torch.Tensor], file: Path) -> str:
+    """Write a chunk atomically, on disk when this returns; return its SHA-256."""
+    with replacing_path(file) as fresh:
+        try:
+            save_file(dict(tensors), fresh)
+        except SafetensorError as error:  # it hides the operating system's error
+            raise OSError(f"{file}: {error}") from error
+        with fresh.open("rb") as written:
+            os.fsync(written.fileno())
+            return hashlib.file_digest(written, "sha256").hexdigest()
+
+
+def _load_chunk(file: Path, digest: str) -> dict[str, torch.Tensor]:
+    """Read a chunk whose content has this SHA-256; an empty one is not compared."""
+    if not file.is_file():
+        raise CheckpointError(f"{file}: missing, a part of the replay journal; {ADVICE}")
+    with file.open("rb") as stored:
+        if digest and hashlib.file_digest(stored, "sha256").hexdigest() != digest:
+            raise damaged(file)
+    try:
+        return load_file(file)
+    except SafetensorError as error:
+        raise damaged(file) from error

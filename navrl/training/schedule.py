@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -36,7 +37,18 @@ class Schedule:
 
 @dataclass
 class Progress:
-    """Counters of a run; all that is not a weight, a buffer or a world."""
+    """Counters of a run; all that is not a weight, a buffer or a world.
+
+    Args:
+        frames: Environment steps of all worlds.
+        updates: Gradient updates.
+        episodes: Episodes that ended.
+        best_level: Curriculum level of the best evaluation; -1 before the first.
+        best_success_rate: Its success rate.
+        seconds: s of training.
+        evaluated_frames: ``frames`` at the last evaluation; -1 before the first.
+        evaluated_updates: ``updates`` at the last evaluation.
+    """
 
     frames: int = 0
     updates: int = 0
@@ -44,3 +56,19 @@ class Progress:
     best_level: int = -1
     best_success_rate: float = -1.0
     seconds: float = 0.0
+    evaluated_frames: int = -1
+    evaluated_updates: int = 0
+
+    def restore_best(self, saved: Mapping[str, float] | None, level: int) -> None:
+        """Let later policies be compared with the saved one, which may be newer than a checkpoint.
+
+        Args:
+            saved: Its metrics; ``None`` if there is no saved policy.
+            level: Curriculum level of the checkpoint, used for bundles from before their metrics
+                held a level: a later policy has at least this one.
+        """
+        if saved is None:
+            self.best_level, self.best_success_rate = -1, -1.0
+        elif saved["frames"] > self.frames:
+            self.best_level = int(saved.get("curriculum_level", level))
+            self.best_success_rate = saved["success_rate"]

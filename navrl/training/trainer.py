@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
@@ -15,33 +13,23 @@ from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from tqdm import tqdm
 
-from navrl import keys
 from navrl.algos import DDPG, NonFiniteUpdateError
-from navrl.envs import Outcome
+from navrl.files import replacing
 from navrl.progress_bar import progress_bar
-from navrl.training.checkpoint import CheckpointStore
-from navrl.training.collectors import Collector, Phases
+from navrl.training.checkpoint import CheckpointStore, resumable
+from navrl.training.collectors import Collector
 from navrl.training.curriculum import Curriculum
-from navrl.training.metrics_log import MetricsLog
+from navrl.training.interruption import StopRequested, StopSignals, TrainingStoppedError
+from navrl.training.metrics_log import LOG_FILE, MetricsLog
 from navrl.training.replay import Replay
 from navrl.training.schedule import Progress, Schedule
+from navrl.training.window import Window
 
 Evaluate = Callable[[int], Mapping[str, float]]
 OnBest = Callable[[Mapping[str, float]], None]
+SavedBest = Callable[[], Mapping[str, float] | None]
 
 MAX_BATCHES_DRAWN = 64  # at a time: some 60 MB of the paper's transitions
-
-
-@dataclass
-class _Window:
-    """Sums since the last row of the log; tensors on their device, which nothing waits for."""
-
-    terms: dict[str, torch.Tensor] = field(default_factory=lambda: defaultdict(float))
-    outcomes: torch.Tensor | int = 0  # episodes ended, by outcome
-    learning: dict[str, torch.Tensor] = field(default_factory=dict)
-    phases: Phases = field(default_factory=Phases)
-    frames: int = 0
-    updates: int = 0
 
 
 class Trainer:
@@ -62,6 +50,8 @@ class Trainer:
         schedule: Amounts and intervals.
         folder: Run folder: ``metrics.csv``, ``tensorboard/``, ``checkpoint/``.
         progress_bar: Whether to show one.
+        saved_best: Returns the metrics of the policy that ``on_best`` saved last, ``None`` if it is
+            not there. A resumed run reads it: that policy may be newer than the checkpoint.
 
     Reference:
         Paper Sec. V-A: regular evaluation; the best checkpoint of the highest level is kept.
@@ -79,15 +69,19 @@ class Trainer:
         schedule: Schedule,
         folder: Path,
         progress_bar: bool = True,
+        saved_best: SavedBest | None = None,
     ) -> None:
         self.collector, self.sigma = collector, sigma
         self.algorithm, self.replay = algorithm, replay
         self.curriculum, self.evaluate, self.on_best = curriculum, evaluate, on_best
         self.schedule, self.folder, self.progress_bar = schedule, Path(folder), progress_bar
+        self.saved_best = saved_best
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
-        self._window = _Window()
+        self._window = Window()
         self._ended: torch.Tensor | int = 0  # episodes that the counter does not hold yet
+        self._log: MetricsLog | None = None
+        self._signals = StopSignals()
 
     def run(self) -> Progress:
         """Train, resuming from the folder's checkpoint if there is one.
@@ -98,41 +92,60 @@ class Trainer:
         Raises:
             NonFiniteUpdateError: If an update is not finite; the batch and the weights before it
                 are saved in ``<folder>/not_finite.pt``.
+            TrainingStoppedError: If SIGTERM, SIGINT or SIGHUP came; the run is saved.
+            CheckpointError: If the checkpoint is damaged or a part of it is missing.
+            OSError: If a file cannot be written, e.g. on a full disk; the last checkpoint stays.
         """
         resumed = self.checkpoints.exists
-        if resumed:
-            self._restore()
-        log = MetricsLog(self.folder, resume_frames=self.progress.frames if resumed else None)
+        rows = self._restore() if resumed else self.checkpoints.check_new(self.folder / LOG_FILE)
+        frames = self.progress.frames if resumed else None
+        self._log = MetricsLog(self.folder, resume_frames=frames, resume_rows=rows)
         total, done = self.schedule.total_frames, self.progress.frames
         bar = progress_bar(total, "frame", initial=done, enabled=self.progress_bar)
-        try:
-            with set_exploration_type(ExplorationType.RANDOM):
-                self._loop(log, bar)
-        finally:
-            self.collector.close()
-            bar.close()
-            log.close()
+        with StopSignals() as self._signals, resumable(self.folder):
+            try:
+                with set_exploration_type(ExplorationType.RANDOM):
+                    self._start()
+                    self._loop(bar)
+            finally:
+                self.collector.close()
+                bar.close()
+                self._log.close()
         return self.progress
 
-    def _loop(self, log: MetricsLog, bar: tqdm) -> None:
+    def _start(self) -> None:
+        """Start the collector, and save a new run: from here on it has a checkpoint."""
+        self.collector.start(self.progress.frames, self.curriculum.max_dynamic)
+        self._signals.install()
+        if not self.checkpoints.exists:
+            self._save()
+
+    def _loop(self, bar: tqdm) -> None:
         schedule, progress = self.schedule, self.progress
-        self.collector.start(progress.frames, self.curriculum.max_dynamic)
         last_checkpoint = started = time.monotonic()
         seconds_before = progress.seconds
-        while progress.frames < schedule.total_frames:
-            bar.update(self._collect())
-            before = progress.updates
-            self._update(math.ceil(self._updates_due()) - progress.updates)
-            progress.seconds = seconds_before + time.monotonic() - started
-            if _crossed(before, progress.updates, schedule.log_every_updates):
-                self._report(log, bar)
-            if _crossed(before, progress.updates, schedule.evaluate_every_updates):
-                self._evaluate(log)
-            if time.monotonic() - last_checkpoint > schedule.checkpoint_every_s:
-                self._save()
-                last_checkpoint = time.monotonic()
-        self._evaluate(log)
-        self._save()
+        try:
+            self._evaluate_if_due()  # a signal may have interrupted it
+            while progress.frames < schedule.total_frames:
+                self._signals.check()
+                bar.update(self._collect())
+                before = progress.updates
+                self._update(math.ceil(self._updates_due()) - progress.updates)
+                progress.seconds = seconds_before + time.monotonic() - started
+                if _crossed(before, progress.updates, schedule.log_every_updates):
+                    self._report(bar)
+                self._evaluate_if_due()
+                if time.monotonic() - last_checkpoint > schedule.checkpoint_every_s:
+                    self._save()
+                    last_checkpoint = time.monotonic()
+            if progress.evaluated_frames < progress.frames:
+                self._evaluate()
+            self._save()
+            self._signals.check()
+        except StopRequested:
+            self._save()
+            done = f"{progress.frames} of {schedule.total_frames} frames"
+            raise TrainingStoppedError(self._signals.received, done, self.folder) from None
 
     def _updates_due(self) -> float:
         if not len(self.replay):  # n-step returns hold the first steps back
@@ -145,19 +158,22 @@ class Trainer:
     def _collect(self) -> int:
         """Store what one step of some worlds gave; return the number of transitions."""
         window = self._window
-        stream, stepped = self.collector.step(self.progress.frames, window.phases)
+        stream, stepped = self._step()
         with window.phases("replay_write"):
             self.replay.extend(stepped, stream)
-        following = stepped["next"]
-        for name, term in following[keys.REWARD_TERMS].items():
-            window.terms[name] += term.sum().double()
-        ended = _count_outcomes(following)
-        window.outcomes = window.outcomes + ended
-        self._ended = self._ended + ended.sum()
-        frames = stepped.numel()
-        window.frames += frames
-        self.progress.frames += frames
-        return frames
+        self._ended = self._ended + window.add_step(stepped["next"])
+        self.progress.frames += stepped.numel()
+        return stepped.numel()
+
+    def _step(self) -> tuple[int, TensorDictBase]:
+        """Return the collector's next step; workers, unlike own worlds, may be left halfway."""
+        try:
+            with self._signals.immediate(enabled=not self.collector.resumes_episodes):
+                return self.collector.step(self.progress.frames, self._window.phases)
+        except RuntimeError:
+            if self.collector.resumes_episodes or not self._signals.arrives():
+                raise
+            raise StopRequested from None  # the signal ended the workers, too
 
     def _count_episodes(self) -> None:
         """Bring the counter of episodes up to date."""
@@ -173,9 +189,7 @@ class Trainer:
                 batches = self.replay.sample(size)
             with window.phases("update"), self._keeps_failures():
                 sums = self.algorithm.update_from_each(batches)
-            for name, value in sums.items():
-                window.learning[name] = window.learning.get(name, 0.0) + value
-            window.updates += size
+            window.add_updates(sums, size)
             self.progress.updates += size
 
     @contextmanager
@@ -186,60 +200,51 @@ class Trainer:
         except NonFiniteUpdateError as error:
             file = self.folder / "not_finite.pt"
             state = {"batch": error.batch.to_dict(), "algorithm": self.algorithm.state_dict()}
-            torch.save(state, file)
+            with replacing(file) as stream:
+                torch.save(state, stream)
             error.add_note(f"the batch and the weights before it are in {file}")
             raise
 
     # --- reports ---------------------------------------------------------------------------------
 
-    def _report(self, log: MetricsLog, bar: tqdm) -> None:
-        window, self._window = self._window, _Window()
+    def _report(self, bar: tqdm) -> None:
+        window, self._window = self._window, Window()
         self._count_episodes()
-        seconds = sum(window.phases.seconds.values())
-        outcomes = window.outcomes.tolist()
-        ended = max(sum(outcomes), 1)
-        rates = {
-            f"train/{outcome.name.lower()}_rate": outcomes[outcome] / ended
-            for outcome in Outcome
-            if outcome is not Outcome.RUNNING
+        row = {
+            **window.row(),
+            "train/episodes": self.progress.episodes,
+            "train/max_dynamic": self.curriculum.max_dynamic,
+            "train/sigma": self.sigma(self.progress.frames),
         }
-        frames = max(window.frames, 1)
-        log.log(
-            self.progress.frames,
-            self.progress.updates,
-            {
-                **{f"reward/{k}": float(v) / frames for k, v in window.terms.items()},
-                **rates,
-                **{f"learn/{k}": float(v) / window.updates for k, v in window.learning.items()},
-                **{f"seconds/{k}": v / window.updates for k, v in window.phases.seconds.items()},
-                "train/episodes": self.progress.episodes,
-                "train/max_dynamic": self.curriculum.max_dynamic,
-                "train/sigma": self.sigma(self.progress.frames),
-                "speed/frames_per_s": window.frames / seconds,
-                "speed/updates_per_s": window.updates / seconds,
-            },
-        )
+        self._log.log(self.progress.frames, self.progress.updates, row)
         bar.set_postfix(
-            success=f"{rates['train/success_rate']:.0%}",
+            success=f"{row['train/success_rate']:.0%}",
             best=f"{max(self.progress.best_success_rate, 0):.0%}",
             people=self.curriculum.max_dynamic,
-            updates_per_s=f"{window.updates / seconds:.1f}",
+            updates_per_s=f"{row['speed/updates_per_s']:.1f}",
         )
 
-    def _evaluate(self, log: MetricsLog) -> None:
-        """Evaluate at the present level; keep the policy if best; perhaps raise the level."""
+    def _evaluate_if_due(self) -> None:
+        progress, interval = self.progress, self.schedule.evaluate_every_updates
+        if _crossed(progress.evaluated_updates, progress.updates, interval):
+            self._evaluate()
+
+    def _evaluate(self) -> None:
+        """Evaluate at the present level; save the policy if best; perhaps raise the level."""
         progress, level = self.progress, self.curriculum.level
         start = time.monotonic()
-        metrics = dict(self.evaluate(self.curriculum.max_dynamic))
+        with self._signals.immediate():
+            metrics = dict(self.evaluate(self.curriculum.max_dynamic))
         rate = metrics["success_rate"]
         row = {f"evaluation/{name}": value for name, value in metrics.items()}
         row["evaluation/max_dynamic"] = self.curriculum.max_dynamic
         row["seconds/evaluation"] = time.monotonic() - start
-        log.log(progress.frames, progress.updates, row)
+        self._log.log(progress.frames, progress.updates, row)
+        progress.evaluated_frames, progress.evaluated_updates = progress.frames, progress.updates
         if (level, rate) > (progress.best_level, progress.best_success_rate):
             progress.best_level, progress.best_success_rate = level, rate
             done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
-            self.on_best({**metrics, **done})
+            self.on_best({**metrics, **done, "curriculum_level": level})
         if self.curriculum.report(rate):
             self.collector.set_max_dynamic(self.curriculum.max_dynamic)
 
@@ -247,12 +252,15 @@ class Trainer:
 
     def _save(self) -> None:
         self._count_episodes()
+        self._log.synchronize()
         self.checkpoints.save(
             {
                 "progress": vars(self.progress),
                 "curriculum_level": self.curriculum.level,
                 "algorithm": self.algorithm.state_dict(),
                 "replay": self.replay.save(self.checkpoints.journal),
+                "window": self._window.state_dict(),
+                "log_rows": self._log.num_rows,
                 **self.collector.state_dict(),
                 "rng": torch.get_rng_state(),
                 **self._device_rng(),
@@ -260,7 +268,8 @@ class Trainer:
         )
         self.replay.prune(self.checkpoints.journal)
 
-    def _restore(self) -> None:
+    def _restore(self) -> int | None:
+        """Load the last checkpoint; return its number of rows in the log, if it is known."""
         state = self.checkpoints.load()
         self.progress = Progress(**state["progress"])
         self.curriculum.level = state["curriculum_level"]
@@ -269,9 +278,16 @@ class Trainer:
         self.collector.load_state_dict(state)
         if not self.collector.resumes_episodes:
             self.replay.forget_held_back()
+        if "window" in state:
+            self._window = Window.from_state(state["window"])
+        else:  # a checkpoint from before these keys, always saved after a due evaluation
+            self.progress.evaluated_updates = self.progress.updates
+        if self.saved_best is not None:
+            self.progress.restore_best(self.saved_best(), self.curriculum.level)
         torch.set_rng_state(state["rng"])
         if "device_rng" in state and self.replay.device.type == "cuda":
             torch.cuda.set_rng_state(state["device_rng"], self.replay.device)
+        return state.get("log_rows")
 
     def _device_rng(self) -> dict[str, torch.Tensor]:
         """Return the state of the learner's device's random numbers, if it has its own."""
@@ -287,9 +303,3 @@ def _shares(count: int) -> Iterator[int]:
 
 def _crossed(before: int, after: int, interval: int) -> bool:
     return before // interval != after // interval
-
-
-def _count_outcomes(following: TensorDictBase) -> torch.Tensor:
-    """Return ``[outcomes]`` int64, how many of the episodes ended in which way at this step."""
-    outcome, done = following[keys.OUTCOME].flatten(), following["done"].flatten()
-    return outcome.new_zeros(len(Outcome)).index_add_(0, outcome, done.to(outcome.dtype))

@@ -14,6 +14,7 @@ from torchrl.collectors import BaseCollector
 from navrl import keys
 from navrl.training.behaviour import Behaviour
 from navrl.training.collectors import MakeEnv, Phases
+from navrl.training.interruption import shielded_children
 from navrl.training.replay import Compact
 from navrl.training.worker import WorkerEnv, WorkerPolicy, worker_seed
 
@@ -99,7 +100,7 @@ class WorkersCollector(ABC):
         envs = [
             WorkerEnv(self.make_env, seed, self.threads_per_worker, max_dynamic) for seed in seeds
         ]
-        with _undisturbed():
+        with _undisturbed(), shielded_children():
             self._workers = self._launch(envs)
         self._push(frames, None)
         self._batches = iter(self._workers)

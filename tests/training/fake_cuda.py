@@ -28,7 +28,7 @@ from navrl.envs.rewards import Collision
 from navrl.ops import backend
 from navrl.ops.kernels.cuda.launch import CudaKernel
 from navrl.sim import BatchedSimulator
-from navrl.training.trainer import _count_outcomes
+from navrl.training.window import _count_outcomes
 
 OPTIONS = ["device=cuda", "pool_size=8", "num_worlds=6", "num_threads=1", "replay.capacity=100"]
 OPTIONS += ["replay.batch_size=4", "behaviour.random_frames=0", "replay.num_steps=3"]

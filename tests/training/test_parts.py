@@ -6,7 +6,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from navrl.training import CheckpointStore, Curriculum, MetricsLog, Replay, Schedule
+from navrl.training import (
+    CheckpointError,
+    CheckpointStore,
+    Curriculum,
+    MetricsLog,
+    Replay,
+    Schedule,
+)
 
 
 def transitions(start: int, count: int) -> TensorDict:
@@ -73,7 +80,7 @@ def test_journal_says_what_is_missing(tmp_path):
     replay.extend(transitions(0, 5))
     state = replay.save(tmp_path)
     next(tmp_path.iterdir()).unlink()
-    with pytest.raises(FileNotFoundError, match="chunk_000000000000"):
+    with pytest.raises(CheckpointError, match=r"chunk_000000000000.*missing"):
         Replay(["x"], capacity=10, batch_size=4).load(tmp_path, state)
 
 
