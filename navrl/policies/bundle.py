@@ -172,7 +172,7 @@ def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
         BundleError: If the file of the scores is missing or damaged.
     """
     folder = Path(folder)
-    return _read_metrics(folder / "metrics.json") if folder.is_dir() else None
+    return _read(read_json, folder / "metrics.json") if folder.is_dir() else None
 
 
 def _read_config(file: Path) -> dict[str, Any]:
