@@ -7,4 +7,4 @@ import gymnasium
 
 __version__ = "0.1.0"
 
-gymnasium.register(id="navrl/Navigation-v0", entry_point="navrl.build:make_gymnasium_env")
+gymnasium.register(id="navrl/Navigation-v0", entry_point="navrl.factory:make_gymnasium_env")

@@ -27,14 +27,16 @@ RANK = {
     "deploy": 5,
     "viz": 6,
     "benchmarks": 6,
-    "build": 7,
-    "cli": 8,
+    "factory": 7,
+    "jobs": 8,
+    "build": 8,
+    "cli": 9,
 }
 HOMES = {
     "pybullet": ("sim/bullet.py", "sim/"),
     "numba": ("ops/", "sim/batched.py"),
-    "hydra": ("config.py", "build/", "cli/"),
-    "omegaconf": ("config.py", "build/", "cli/"),
+    "hydra": ("config.py", "factory/", "jobs/", "cli/"),
+    "omegaconf": ("config.py", "factory/", "jobs/", "cli/"),
 }
 
 
@@ -69,6 +71,41 @@ def test_dependencies_stay_at_home(path):
     for imported in imports(path):
         homes = HOMES.get(imported.split(".")[0])
         assert homes is None or place.startswith(homes), f"{place} imports {imported}"
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    """Imports under ``TYPE_CHECKING`` and within functions count."""
+    modules = {module(path): path for path in FILES}
+    arrows = {name: needed(path, modules) - {name} for name, path in modules.items()}
+    assert circles(arrows) == []
+
+
+def module(path: Path) -> str:
+    """Return the dotted name of a file of the package."""
+    parts = ("navrl", *path.relative_to(PACKAGE).with_suffix("").parts)
+    return ".".join(part for part in parts if part != "__init__")
+
+
+def needed(path: Path, modules: dict[str, Path]) -> set[str]:
+    """Return the modules of the package that a file imports by name."""
+    found = imports(path) | {name.rpartition(".")[0] for name in imports(path)}
+    return {name for name in found if name in modules and modules[name].name != "__init__.py"}
+
+
+def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
+    """Return each set of modules that can reach each other, largest first."""
+    reach = {name: set(targets) for name, targets in arrows.items()}
+    for middle in reach:
+        for targets in reach.values():
+            if middle in targets:
+                targets |= reach[middle]
+    rings = {tuple(sorted(b for b in reach[a] if a in reach[b])) for a in reach if a in reach[a]}
+    return sorted((list(ring) for ring in rings), key=len, reverse=True)
+
+
+def test_circles_are_found():
+    arrows = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": set()}
+    assert circles(arrows) == [["a", "b", "c"]]
 
 
 @pytest.mark.parametrize("path", FILES, ids=names)

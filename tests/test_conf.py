@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from navrl import build
+from navrl import factory, jobs
 from navrl.config import CONF_DIR, compose
 
 FILES = sorted(CONF_DIR.rglob("*.yaml"))
@@ -75,10 +75,10 @@ def test_every_experiment_trains(name, tmp_path):
         "schedule.log_every_updates=2",
         "progress_bar=false",
     ]
-    progress = build.make_trainer(compose("train", overrides), tmp_path).run()
+    progress = factory.make_trainer(compose("train", overrides), tmp_path).run()
     assert progress.frames == 40
     assert progress.updates >= 4
-    summary = build.run_evaluation(
+    summary = jobs.run_evaluation(
         compose("evaluate", [f"policy={tmp_path}", *EVALUATION]), tmp_path
     )
     assert (summary["episodes"], summary["errors"]) == (4, 0)
@@ -94,7 +94,7 @@ def test_ablations_differ_from_the_paper_only_where_they_say():
             "temporal": [30, 4],
             "waypoint": [5, 2],
         }
-        actor, _ = build.make_agent(cfg, shapes)
+        actor, _ = factory.make_agent(cfg, shapes)
         size[name] = sum(p.numel() for p in actor.parameters())
     head = 30 * 128  # what the output module reads of a stream
     assert size["paper"] == 147_948

@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 
 from navrl import keys
-from navrl.build.environment import make_training_env
 from navrl.config import compose
+from navrl.factory.environment import make_training_env
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs" / "api"
 PACKAGES = [
     *("transforms", "networks", "algos", "training", "sim", "envs", "worlds", "worlds.cards"),
     *("evaluation", "evaluation.metrics", "policies", "policies.classical", "deploy"),
-    *("viz", "viz.report", "build"),
+    *("viz", "viz.report", "factory", "jobs"),
 ]
 
 

@@ -12,9 +12,9 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from navrl import build
-from navrl.build.environment import make_training_env
+from navrl import factory
 from navrl.config import compose, instantiate
+from navrl.factory.environment import make_training_env
 
 PAGE = pages.ROOT / "docs" / "extending.md"
 COMMANDS = pages.commands(PAGE)
@@ -137,7 +137,9 @@ def test_own_stream(here):
     run = here / train("experiment=point_set")
     finished(run)
     env, td = first_episodes(run)
-    actor, _ = build.make_agent(OmegaConf.load(run / "config.yaml"), build.observation_shapes(env))
+    actor, _ = factory.make_agent(
+        OmegaConf.load(run / "config.yaml"), factory.observation_shapes(env)
+    )
     acted = actor(td.clone())
     streams = {name.split("streams.")[-1].partition(".")[0] for name, _ in actor.named_parameters()}
     assert {"point_set", "temporal"} <= streams and "spatial" not in streams

@@ -8,9 +8,9 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl import build
-from navrl.build.overrides import check_measured
+from navrl import factory, jobs
 from navrl.config import hydra_main
+from navrl.factory.overrides import check_measured
 
 log = logging.getLogger(__name__)
 
@@ -20,8 +20,8 @@ def main(cfg: DictConfig) -> None:
     """Measure, print the table and keep it."""
     check_measured(HydraConfig.get().overrides.task)
     folder = Path(HydraConfig.get().runtime.output_dir)
-    build.set_threads(cfg)
-    report = build.run_benchmark(cfg, folder)
+    factory.set_threads(cfg)
+    report = jobs.run_benchmark(cfg, folder)
     print(report.table())
     log.info("benchmark.json, benchmark.png and benchmark.svg are in %s", folder)
 

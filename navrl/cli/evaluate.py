@@ -8,7 +8,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl import build
+from navrl import factory, jobs
 from navrl.config import hydra_main
 
 log = logging.getLogger(__name__)
@@ -22,15 +22,15 @@ def main(cfg: DictConfig) -> float:
         ValueError: If every episode raised: that is no result.
     """
     folder = Path(HydraConfig.get().runtime.output_dir)
-    with build.locked(folder):
+    with jobs.locked(folder):
         return _evaluate(cfg, folder)
 
 
 def _evaluate(cfg: DictConfig, folder: Path) -> float:
-    build.set_threads(cfg)
-    summary = build.finished_evaluation(cfg, folder)
+    factory.set_threads(cfg)
+    summary = jobs.finished_evaluation(cfg, folder)
     if summary is None:
-        summary = build.run_evaluation(cfg, folder)
+        summary = jobs.run_evaluation(cfg, folder)
     else:
         log.info("%s: finished before, not played again", folder)
     low, high = summary["success_interval"]
@@ -53,7 +53,7 @@ def _evaluate(cfg: DictConfig, folder: Path) -> float:
             f"policy={cfg.policy}: all {errors} episodes raised an error; tracebacks are in "
             f"{folder / 'errors'}"
         )
-    latency = build.measure_latency(cfg, folder)
+    latency = jobs.measure_latency(cfg, folder)
     if latency is not None:
         log.info(
             "decisions took %.2f ms (median), 95 %% of them at most %.2f ms, n=%d",

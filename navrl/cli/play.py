@@ -8,10 +8,10 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl import build
-from navrl.build.overrides import check_drawing
+from navrl import factory, jobs
 from navrl.config import hydra_main
 from navrl.evaluation.recording import Recording
+from navrl.factory.overrides import check_drawing
 from navrl.viz import save_gif, save_png
 
 log = logging.getLogger(__name__)
@@ -25,8 +25,8 @@ def main(cfg: DictConfig) -> None:
         check_drawing(cfg)
         recording = Recording.load(cfg.recording)
     else:
-        build.set_threads(cfg)
-        recording = build.record(cfg)
+        factory.set_threads(cfg)
+        recording = jobs.record(cfg)
         recording.save(folder / "episode.npz")
     save_gif(recording, folder / "episode.gif", cfg.frames_per_s)
     save_png(recording, folder / "episode.png")

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from navrl.build.publishing import publish
 from navrl.config import describe
+from navrl.jobs.publishing import publish
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -6,8 +6,8 @@ import argparse
 import os
 import sys
 
-from navrl.build.suites import check_frozen, freeze, frozen_suites
 from navrl.config import describe
+from navrl.jobs.suites import check_frozen, freeze, frozen_suites
 from navrl.worlds import FrozenSuiteError, frozen_episodes
 
 

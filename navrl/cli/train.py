@@ -10,10 +10,10 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl import build
-from navrl.build.provenance import record_command
+from navrl import factory, jobs
 from navrl.config import compose, hydra_main, set_default, target_packages
 from navrl.training import TrainingStoppedError
+from navrl.training.provenance import record_command
 from navrl.viz import plot_curves, save_gif, save_png
 
 log = logging.getLogger(__name__)
@@ -24,26 +24,26 @@ def main(cfg: DictConfig) -> float:
     """Run one training; return the best policy's success rate on the reported suite."""
     if cfg.resume is None:
         folder = Path(HydraConfig.get().runtime.output_dir)
-        with build.locked(folder):
-            build.claim_folder(cfg, folder)
+        with jobs.locked(folder):
+            jobs.claim_folder(cfg, folder)
             return _train(cfg, folder)
     folder = Path(cfg.resume)
-    cfg = build.resumed_config(folder, cfg, HydraConfig.get().overrides.task)
-    with build.locked(folder):
+    cfg = jobs.resumed_config(folder, cfg, HydraConfig.get().overrides.task)
+    with jobs.locked(folder):
         return _train(cfg, folder)
 
 
 def _train(cfg: DictConfig, folder: Path) -> float:
-    build.set_threads(cfg)
+    factory.set_threads(cfg)
     scoring = _scoring(cfg, folder)
-    if (folder / "evaluation" / "summary.json").is_file() and build.bundle_folder(str(folder)):
+    if (folder / "evaluation" / "summary.json").is_file() and factory.bundle_folder(str(folder)):
         log.info("%s: finished before, not trained again", folder)
-        summary = build.unchanged_evaluation(scoring, folder / "evaluation")
+        summary = jobs.unchanged_evaluation(scoring, folder / "evaluation")
         return _report(cfg, folder) if summary is None else summary["success_rate"]
     record_command(folder)
-    build.record_config(cfg, folder)
-    build.check_evaluation(scoring)  # hours of training must not end in its error
-    trainer = build.make_trainer(cfg, folder)
+    jobs.record_config(cfg, folder)
+    jobs.check_evaluation(scoring)  # hours of training must not end in its error
+    trainer = factory.make_trainer(cfg, folder)
     log.info("updates in %s", trainer.algorithm.precision.name)
     gc.collect()
     gc.freeze()  # all that is there by now stays: no need to look for garbage in it, over and over
@@ -86,11 +86,11 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     """Evaluate the best policy, then draw its curves and one of its episodes."""
     plot_curves([folder / "metrics.csv"], folder / "curves.png")
     playing = _playing(cfg, folder)
-    recording = build.record(playing)
+    recording = jobs.record(playing)
     recording.save(folder / "episode.npz")
     save_gif(recording, folder / "episode.gif")
     save_png(recording, folder / "episode.png")
-    summary = build.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
+    summary = jobs.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
     log.info(
         "best policy on %s: %.1f %% success over %d episodes; everything is in %s",
         summary["suite"],

@@ -9,10 +9,10 @@ from importlib.util import find_spec
 import pytest
 import torch
 
-from navrl import build
+from navrl import jobs
 from navrl.algos.precision import choose_precision
-from navrl.build.benchmark import ROWS
 from navrl.config import compose
+from navrl.jobs.benchmark import ROWS
 from navrl.viz import plot_benchmark
 
 COMMAND = [
@@ -108,7 +108,7 @@ def test_the_picture_is_there(run):
 def test_unknown_rows_are_answered_with_the_known(rows, tmp_path):
     cfg = compose("benchmark", [f"rows=[{','.join(rows)}]"])
     with pytest.raises(ValueError, match="latency") as error:
-        build.run_benchmark(cfg, tmp_path)
+        jobs.run_benchmark(cfg, tmp_path)
     assert all(name in str(error.value) for name in ROWS)
 
 

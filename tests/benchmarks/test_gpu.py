@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from navrl import build
+from navrl import jobs
 from navrl.benchmarks import Budget, gpu_rows, random_transitions
-from navrl.build.benchmark import _learner, _maker, _simulator
 from navrl.config import compose
+from navrl.jobs.benchmark import _learner, _maker, _simulator
 from navrl.ops import backend
 
 OPTIONS = ["rows=[gpu]", "effort=quick", "effort.gpu_worlds=4", "pool_size=4", "scenario=corridor"]
@@ -30,20 +30,20 @@ def test_rows_and_bars():
 
 
 def test_without_a_gpu_it_is_said_what_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr("navrl.build.benchmark.missing_for_cuda", lambda: "a device")
-    report = build.run_benchmark(compose("benchmark", [*OPTIONS, "rows=[icp_tagd,gpu]"]), tmp_path)
+    monkeypatch.setattr("navrl.jobs.benchmark.missing_for_cuda", lambda: "a device")
+    report = jobs.run_benchmark(compose("benchmark", [*OPTIONS, "rows=[icp_tagd,gpu]"]), tmp_path)
     assert report.skipped == ["gpu: needs a device"]
     with pytest.raises(ValueError, match="gpu: needs a device"):
-        build.run_benchmark(compose("benchmark", OPTIONS), tmp_path)
+        jobs.run_benchmark(compose("benchmark", OPTIONS), tmp_path)
 
 
 def test_other_rows_are_the_cpus(tmp_path, monkeypatch):
-    monkeypatch.setattr("navrl.build.benchmark.make_device", lambda _: backend.torch.device("cuda"))
+    monkeypatch.setattr("navrl.jobs.benchmark.make_device", lambda _: backend.torch.device("cuda"))
     with pytest.raises(ValueError, match=r"device=cuda: rows=\[gpu\] measures a GPU"):
-        build.run_benchmark(compose("benchmark", [*OPTIONS, "device=cuda"]), tmp_path)
+        jobs.run_benchmark(compose("benchmark", [*OPTIONS, "device=cuda"]), tmp_path)
 
 
 @pytest.mark.gpu
 def test_a_gpu_is_measured(tmp_path):
-    report = build.run_benchmark(compose("benchmark", OPTIONS), tmp_path)
+    report = jobs.run_benchmark(compose("benchmark", OPTIONS), tmp_path)
     assert {row.key for row in report.rows} >= BARS.keys()

@@ -6,8 +6,8 @@ import pytest
 from torch import nn
 
 from navrl.benchmarks import Budget, count_flops, random_transitions, update_rows
-from navrl.build import make_agent
 from navrl.config import compose, instantiate
+from navrl.factory import make_agent
 
 SHAPES = {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]}
 ITEMS = 30  # sectors, or descriptors, that the layers of a stream run on

@@ -5,8 +5,8 @@ import torch
 from navrl.benchmarks import RandomDrive, record_drive
 from navrl.benchmarks.scanning import drive_task
 from navrl.benchmarks.scenes import FREE_RADIUS, clutter
-from navrl.build import make_env, make_navigation_env, make_pool, observation_shapes
 from navrl.config import compose, instantiate
+from navrl.factory import make_env, make_navigation_env, make_pool, observation_shapes
 from navrl.networks import make_actor
 from navrl.sim import BatchedSimulator, Contact, DifferentialDrive, Lidar
 

@@ -5,8 +5,8 @@ import sys
 import pytest
 from evaluated import HIT, WON, write_evaluation
 
-from navrl.build import evaluation as building
 from navrl.config import compose, instantiate
+from navrl.jobs import evaluation as building
 from navrl.worlds import ScenarioBatch
 
 TINY = ["suite=smoke", "suite.num_episodes=3", "num_worlds=3", "num_threads=1"]
@@ -47,14 +47,14 @@ def raising(monkeypatch, tmp_path):
     """Let the policy raise in one episode, or in all."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [])
-    make = building.make_contender
+    make = building.make_evaluated_policy
 
     def replace(goal):
         def contender(cfg, **options):
             found = make(cfg, **options)
-            return building.Contender(found.name, Raising(found.policy, goal), found.env)
+            return building.EvaluatedPolicy(found.name, Raising(found.policy, goal), found.env)
 
-        monkeypatch.setattr(building, "make_contender", contender)
+        monkeypatch.setattr(building, "make_evaluated_policy", contender)
 
     return replace
 

@@ -8,9 +8,9 @@ import pytest
 from hydra.core.utils import setup_globals
 from omegaconf import OmegaConf
 
-from navrl.build import locked, new_folder, record_config, resumed_config
-from navrl.cli.sweeps import NewFolder
 from navrl.config import compose
+from navrl.jobs import locked, new_folder, record_config, resumed_config
+from navrl.jobs.sweeps import NewFolder
 
 SMALL = ["experiment=quick", "network=small", "scenario=corridor"]
 

@@ -6,12 +6,12 @@ import torch
 from tensordict.nn import TensorDictModule
 from torchrl.envs import Transform
 
-from navrl import build
-from navrl.build.training import deployed
+from navrl import factory, jobs
 from navrl.config import compose, instantiate
 from navrl.deploy import DriveState, PolicyRunner, SafetyLimits
 from navrl.envs.navigation import NavigationEnv
 from navrl.evaluation.recording import record_episode
+from navrl.factory.training import deployed
 from navrl.policies import ZOO, load_bundle
 from navrl.policies.classical import DynamicWindow
 from navrl.sim import BatchedSimulator
@@ -38,11 +38,11 @@ def test_commands_are_those_of_the_simulated_episode(experiment):
     torch.manual_seed(0)
     cfg = deployed(compose("train", [f"experiment={experiment}", "suite=smoke"]))
     robot, lidar = instantiate(cfg.robot), instantiate(cfg.lidar)
-    env = build.make_env(
+    env = factory.make_env(
         NavigationEnv(BatchedSimulator(1, robot, lidar), None, rewards={}, privileged=True),
         instantiate(cfg.transforms),
     )
-    actor, _ = build.make_agent(cfg, build.observation_shapes(env))
+    actor, _ = factory.make_agent(cfg, factory.observation_shapes(env))
     scenario = instantiate(cfg.suite).scenarios([1])[0]
     episode = record_episode(env, actor.eval(), scenario)
     simulated = SafetyLimits.simulated()  # an untrained policy leaves its path
@@ -75,7 +75,7 @@ def test_a_map_far_from_its_origin_changes_no_command(policy):
 @pytest.mark.parametrize("policy", ["paper", "navrl-best"])
 def test_trained_policy_drives_an_episode_in_one_state(policy):
     changes = [f"policy={policy}", "suite=table1", "episode=3"]
-    episode = build.record(compose("play", changes))
+    episode = jobs.record(compose("play", changes))
     runner = PolicyRunner.from_bundle(ZOO / policy)
     for step in range(episode.num_steps):
         command = runner.act(episode.ranges[step], episode.pose[step], episode.path)

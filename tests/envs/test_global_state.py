@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import navrl  # noqa: F401  registers the environment
-from navrl import build
+from navrl import factory
 from navrl.config import compose, instantiate
 
 SMALL = ["scenario=corridor", "pool_size=4", "num_threads=1"]
@@ -16,7 +16,7 @@ SMALL = ["scenario=corridor", "pool_size=4", "num_threads=1"]
 
 def make(seed, num_worlds=2):
     cfg = compose("train", SMALL)
-    return build.make_navigation_env(cfg, num_worlds, build.make_pool(cfg), seed)
+    return factory.make_navigation_env(cfg, num_worlds, factory.make_pool(cfg), seed)
 
 
 def global_states():
@@ -46,7 +46,7 @@ def test_environment_leaves_global_generators_alone(seed):
 def test_transformed_environment_leaves_global_generators_alone():
     cfg = compose("train", SMALL)
     before = global_states()
-    env = build.make_env(make(None), instantiate(cfg.transforms))
+    env = factory.make_env(make(None), instantiate(cfg.transforms))
     env.set_seed(1)
     env.reset()
     assert_unchanged(before)
@@ -64,7 +64,7 @@ def test_gymnasium_environment_leaves_global_generators_alone():
 @pytest.mark.parametrize("name", ["random", "pure_pursuit", "dwa"])
 def test_controllers_leave_global_generators_alone(name):
     cfg = compose("train", [*SMALL, f"+controller@policy={name}"])
-    env = build.make_env(make(None), instantiate(cfg.transforms))
+    env = factory.make_env(make(None), instantiate(cfg.transforms))
     before = global_states()
     policy = instantiate(cfg.policy, robot=env.base_env.simulator.robot)
     policy(env.reset())

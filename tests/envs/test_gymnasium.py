@@ -10,11 +10,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import navrl  # noqa: F401  registers the environment
-from navrl.build import make_gymnasium_env
-from navrl.build.gymnasium import EFFECTIVE
 from navrl.config import compose
 from navrl.envs import Outcome
 from navrl.envs.gymnasium import GymnasiumNavigation
+from navrl.factory import make_gymnasium_env
+from navrl.factory.gymnasium import EFFECTIVE
 from navrl.viz.live import FRAME_PIXELS, LiveScene
 
 SMALL = ["scenario=corridor", "pool_size=4", "num_threads=1", "empty_share=0"]

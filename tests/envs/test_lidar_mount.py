@@ -9,7 +9,7 @@ import torch
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from navrl import build, keys
+from navrl import factory, keys
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner
 from navrl.envs.rewards import Proximity
@@ -35,9 +35,9 @@ SIMULATORS = ["batched", "bullet"]
 def make(mount="[0.0, 0.0, 0.0]", transforms="paper", simulator="batched", worlds=4):
     overrides = [f"lidar.mount={mount}", f"transforms={transforms}", "lidar.noise=none"]
     cfg = compose("evaluate", [*overrides, f"simulator={simulator}", "suite=smoke"])
-    env = build.make_navigation_env(cfg, worlds, privileged=True)
+    env = factory.make_navigation_env(cfg, worlds, privileged=True)
     env.set_scenarios(batch(cfg, worlds))
-    return build.make_env(env, instantiate(cfg.transforms)), cfg
+    return factory.make_env(env, instantiate(cfg.transforms)), cfg
 
 
 def batch(cfg, worlds):
@@ -80,7 +80,7 @@ def test_a_mount_turned_by_whole_bins_gives_the_same_observations(transforms, ya
 def test_points_lie_on_what_they_hit(mount, simulator):
     env, cfg = make(mount, simulator=simulator)
     cfg.transforms.min_pool.bearing = "beam"
-    exact, _ = build.make_env(env.base_env, instantiate(cfg.transforms)), cfg
+    exact, _ = factory.make_env(env.base_env, instantiate(cfg.transforms)), cfg
     rollout = drive(exact)["next"]
     walls = batch(cfg, 4).boxes
     for row in range(4):
@@ -123,7 +123,7 @@ def test_proximity_is_measured_from_the_robot(mount):
 def recording(request):
     overrides = [f"lidar.mount={request.param}", "policy=pure_pursuit", "suite=smoke"]
     cfg = compose("evaluate", [*overrides, "lidar.noise=none", "num_worlds=1"])
-    player = build.make_contender(cfg)
+    player = factory.make_evaluated_policy(cfg)
     return record_episode(player.env, player.policy, instantiate(cfg.suite).scenarios([0])[0])
 
 
@@ -166,10 +166,10 @@ def test_a_pooling_for_another_mount_is_refused():
         r"lidar.mount=\[0.0, 0.0, 0.5\]: must be the mount of MinPool, which is \[0.0, 0.0, 0.0\]"
     )
     with pytest.raises(ValueError, match=message):
-        build.make_env(env.base_env, chain(min_pool=MinPool()))
+        factory.make_env(env.base_env, chain(min_pool=MinPool()))
     cfg = compose("evaluate", ["policy=paper", "+change.lidar.mount=[0.0, 0.0, 0.5]"])
     with pytest.raises(ValueError, match=message):
-        build.make_contender(cfg)
+        factory.make_evaluated_policy(cfg)
     lidar, robot = Lidar(mount=(0.0, 0.0, 0.5)), instantiate(cfg.robot)
     with pytest.raises(ValueError, match=message):
         PolicyRunner(MinPool(), None, lidar, robot)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torchrl.envs.utils import check_env_specs
 
-from navrl import build
+from navrl import factory
 from navrl.config import compose
 from navrl.envs import Outcome
 
@@ -13,8 +13,8 @@ SMALL = ["scenario=corridor", "pool_size=4", "num_threads=1", "empty_share=0"]
 
 def make(num_worlds=3, *, seed=0, privileged=True, overrides=()):
     cfg = compose("train", [*SMALL, *overrides])
-    pool = build.make_pool(cfg)
-    return build.make_navigation_env(cfg, num_worlds, pool, seed, privileged)
+    pool = factory.make_pool(cfg)
+    return factory.make_navigation_env(cfg, num_worlds, pool, seed, privileged)
 
 
 @pytest.mark.parametrize("simulator", ["batched", "bullet"])

@@ -5,7 +5,7 @@ import torch
 from torchrl.envs import Transform, TransformedEnv, VecNorm
 from torchrl.envs.transforms import VecNormV2
 
-from navrl import build
+from navrl import factory
 from navrl.config import compose
 
 NUM_WORLDS = 4
@@ -25,7 +25,7 @@ def make(simulator="batched"):
     cfg = compose(
         "train", ["scenario=corridor", "pool_size=8", "num_threads=1", f"simulator={simulator}"]
     )
-    return build.make_navigation_env(cfg, NUM_WORLDS, build.make_pool(cfg), 0, privileged=True)
+    return factory.make_navigation_env(cfg, NUM_WORLDS, factory.make_pool(cfg), 0, privileged=True)
 
 
 def driven(env, steps=3):

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from evaluated import HIT, WON, write_evaluation
 
-from navrl.build import make_env, make_navigation_env
 from navrl.config import compose, instantiate
 from navrl.evaluation import find_evaluations
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.evaluation.rollout import EpisodeRecord
 from navrl.evaluation.stored import Evaluation, whole_results
 from navrl.evaluation.unfinished import FinishedChunks
+from navrl.factory import make_env, make_navigation_env
 from navrl.policies.classical import StandStill
 from navrl.untrusted import DamagedFileError
 from navrl.worlds import FrozenEpisodes, Scenario, ScenarioPool, Suite

@@ -8,10 +8,10 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from navrl.build import evaluation as building
-from navrl.build import finished_evaluation, inputs, measure_latency, run_evaluation
 from navrl.config import compose
 from navrl.evaluation import find_evaluations
+from navrl.jobs import evaluation as building
+from navrl.jobs import finished_evaluation, inputs, measure_latency, run_evaluation
 from navrl.policies import ZOO
 
 TINY = [

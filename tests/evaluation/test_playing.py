@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import torch
 
-from navrl.build import evaluation as building
-from navrl.build import run_evaluation
 from navrl.config import compose
 from navrl.evaluation import METRICS, EpisodeRecord, Trajectory, measure
 from navrl.evaluation.recording import Recording
 from navrl.evaluation.rounding import restored, rounded
 from navrl.evaluation.unfinished import FinishedChunks
+from navrl.jobs import evaluation as building
+from navrl.jobs import run_evaluation
 from navrl.worlds import Scenario
 
 SHORT = ["suite=smoke", "num_worlds=2", "num_threads=1", "progress_bar=false"]
@@ -51,7 +51,7 @@ def test_a_killed_evaluation_goes_on_where_it_was(alone, tmp_path, processes):
     simulator, expected = alone
     words = ["policy=random", f"simulator={simulator}", *SHORT, f"num_processes={processes}"]
     code = (
-        "import sys, time; from navrl.build import playing, run_evaluation\n"
+        "import sys, time; from navrl.jobs import playing, run_evaluation\n"
         "from navrl.config import compose; from pathlib import Path\n"
         "save = playing.FinishedChunks.save\n"
         "def slow(*a):\n    save(*a); time.sleep(600)\n"
@@ -119,14 +119,14 @@ class Refusing:
 def test_an_episode_that_raises_is_kept_with_all_it_takes_to_raise_it_again(tmp_path, monkeypatch):
     cfg = compose("evaluate", ["policy=random", *SHORT, "recordings=all"])
     bad = building.instantiate(cfg.suite).scenarios([3])[0]
-    make = building.make_contender
+    make = building.make_evaluated_policy
 
     def refusing(cfg, **options):
-        contender = make(cfg, **options)
-        policy = Refusing(contender.policy, bad.goal)
-        return building.Contender(contender.name, policy, contender.env)
+        evaluated = make(cfg, **options)
+        policy = Refusing(evaluated.policy, bad.goal)
+        return building.EvaluatedPolicy(evaluated.name, policy, evaluated.env)
 
-    monkeypatch.setattr(building, "make_contender", refusing)
+    monkeypatch.setattr(building, "make_evaluated_policy", refusing)
     summary = run_evaluation(cfg, tmp_path)
     assert (summary["episodes"], summary["errors"]) == (6, 1)
     rows = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines(True)))
@@ -201,7 +201,7 @@ def test_failures_alone_are_kept(tmp_path):
 
 
 def test_a_compact_recording_is_the_whole_one_rounded(tmp_path):
-    from navrl.build import record
+    from navrl.jobs import record
 
     whole = record(compose("play", ["policy=paper", "suite=smoke", "num_threads=1"]))
     whole.save(tmp_path / "whole.npz")
@@ -230,9 +230,9 @@ def test_what_does_not_fit_is_not_rounded():
 def test_a_recording_is_drawn_without_simulator_or_policy(tmp_path):
     play(tmp_path / "run", "recordings=all", "suite.num_episodes=1")
     code = (
-        "import sys, navrl.build as b\n"
+        "import sys, navrl.jobs as b\n"
         "def no(*a, **k): raise SystemExit('played')\n"
-        "b.record = b.make_contender = no\n"
+        "b.record = no\n"
         "from navrl.cli.play import main; main()"
     )
     file = tmp_path / "run" / "recordings" / "000000.npz"

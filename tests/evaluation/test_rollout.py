@@ -9,9 +9,9 @@ from torchrl.envs import Compose
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from navrl import keys
-from navrl.build import make_env
 from navrl.envs import NavigationEnv
 from navrl.evaluation import ERROR, evaluate
+from navrl.factory import make_env
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
 from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
 

@@ -6,8 +6,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from navrl.build import make_agent
 from navrl.config import compose
+from navrl.factory import make_agent
 from navrl.networks import (
     AttentionStream,
     ConvAttentionStream,

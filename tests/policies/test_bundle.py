@@ -359,7 +359,7 @@ HOSTILE = [
     "navrl.policies.save_bundle",
     "navrl.policies.nodes.build_node",
     "navrl.config.instantiate",
-    "navrl.build.make_gymnasium_env",  # its overrides can hold any target
+    "navrl.factory.make_gymnasium_env",  # its overrides can hold any target
     "navrl.worlds.Scenario.load",
     "navrl.networks.make_actor.__globals__",
     5,

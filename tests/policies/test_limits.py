@@ -9,9 +9,9 @@ import torch
 import yaml
 from omegaconf import OmegaConf
 
-from navrl.build.evaluation import make_contender
 from navrl.config import compose
 from navrl.files import write_text
+from navrl.jobs.evaluation import make_evaluated_policy
 from navrl.policies import ZOO, BundleError, load_bundle
 
 
@@ -104,7 +104,7 @@ def test_a_policy_is_no_path_to_another_config(tmp_path, form):
     cfg = compose("evaluate", ["suite=smoke"])
     cfg.policy = policy
     with pytest.raises(ValueError, match="no such bundle or controller"):
-        make_contender(cfg)
+        make_evaluated_policy(cfg)
     assert not mark.exists()
 
 

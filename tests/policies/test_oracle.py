@@ -8,9 +8,9 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import Compose
 
-from navrl.build import make_env
 from navrl.envs import NavigationEnv
 from navrl.evaluation import evaluate
+from navrl.factory import make_env
 from navrl.policies.classical import Oracle, SearchEffort
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
 from navrl.worlds import Pedestrian, Scenario, ScenarioBatch

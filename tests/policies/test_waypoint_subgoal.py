@@ -6,7 +6,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from navrl import build, keys
+from navrl import factory, jobs, keys
 from navrl.config import compose, instantiate
 from navrl.evaluation import evaluate
 from navrl.policies import load_bundle
@@ -44,8 +44,8 @@ def cfg():
 
 
 def test_reaches_goals_where_nobody_is(cfg):
-    env = build.make_env(
-        build.make_navigation_env(cfg, 6, privileged=True), instantiate(cfg.transforms)
+    env = factory.make_env(
+        factory.make_navigation_env(cfg, 6, privileged=True), instantiate(cfg.transforms)
     )
     guide = instantiate(cfg.behaviour.guide)
     scenarios = instantiate(cfg.suite).scenarios(range(6))
@@ -54,13 +54,13 @@ def test_reaches_goals_where_nobody_is(cfg):
 
 
 def test_a_bundle_brings_its_subgoals_along(cfg, tmp_path):
-    env = build.make_env(build.make_navigation_env(cfg, 2), instantiate(cfg.transforms))
-    shapes = build.observation_shapes(env)
-    actor, _ = build.make_agent(cfg, shapes)
-    build.save_policy(cfg, actor, shapes, tmp_path / "policy", {"success_rate": 0.0})
+    env = factory.make_env(factory.make_navigation_env(cfg, 2), instantiate(cfg.transforms))
+    shapes = factory.observation_shapes(env)
+    actor, _ = factory.make_agent(cfg, shapes)
+    factory.save_policy(cfg, actor, shapes, tmp_path / "policy", {"success_rate": 0.0})
     pipeline = load_bundle(tmp_path / "policy").build("transforms")
     assert [type(step) for step in pipeline][-1] is SubgoalAction
-    recording = build.record(compose("play", [f"policy={tmp_path}", "suite=smoke"]))
+    recording = jobs.record(compose("play", [f"policy={tmp_path}", "suite=smoke"]))
     speed, turn_rate = recording.action.T  # physical: an arc to the subgoal, never backwards
     assert (speed >= 0).all() and (speed <= 1).all() and (abs(turn_rate) <= math.pi).all()
     assert recording.tagd is None and recording.spatial_attention.shape[-1] == 30

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from navrl import build
+from navrl import jobs
 from navrl.config import compose
 from navrl.policies import ZOO, load_bundle, zoo_names
 
@@ -33,6 +33,6 @@ def test_the_papers_policy_has_the_papers_architecture():
 @pytest.mark.parametrize("name", zoo_names())
 def test_drives_far_better_than_pure_pursuit(name, tmp_path):
     changes = [f"policy={name}", "suite.num_episodes=24", "num_worlds=24", "progress_bar=false"]
-    summary = build.run_evaluation(compose("evaluate", changes), tmp_path)
+    summary = jobs.run_evaluation(compose("evaluate", changes), tmp_path)
     assert summary["success_rate"] >= 0.5  # pure pursuit stays below 0.05 on this suite
     assert summary["errors"] == 0

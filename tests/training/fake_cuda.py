@@ -21,10 +21,10 @@ from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 from torchrl.objectives.utils import TargetNetUpdater
 
-from navrl.build import make_agent, make_navigation_env, make_pool, observation_shapes
-from navrl.build.environment import make_training_env, on_cpu
 from navrl.config import compose, instantiate
 from navrl.envs.rewards import Collision
+from navrl.factory import make_agent, make_navigation_env, make_pool, observation_shapes
+from navrl.factory.environment import make_training_env, on_cpu
 from navrl.ops import backend
 from navrl.ops.kernels.cuda.launch import CudaKernel
 from navrl.sim import BatchedSimulator

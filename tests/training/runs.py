@@ -1,6 +1,6 @@
 """A training that takes seconds."""
 
-from navrl import build
+from navrl import factory
 from navrl.config import compose
 
 TINY = [
@@ -26,5 +26,5 @@ TINY = [
 
 def tiny_trainer(folder, overrides=()):
     cfg = compose("train", [*TINY, *overrides])
-    build.set_threads(cfg)
-    return build.make_trainer(cfg, folder)
+    factory.set_threads(cfg)
+    return factory.make_trainer(cfg, folder)

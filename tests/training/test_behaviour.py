@@ -7,8 +7,8 @@ from torchrl.envs import Compose
 
 from navrl import keys
 from navrl.algos import GaussianExploration
-from navrl.build import make_env
 from navrl.envs import NavigationEnv
+from navrl.factory import make_env
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
 from navrl.training import Behaviour
 from navrl.training.collectors import DirectCollector, Phases

@@ -8,7 +8,7 @@ import torch
 from runs import TINY, tiny_trainer
 from tensordict import TensorDict
 
-from navrl import build, keys
+from navrl import factory, keys
 from navrl.config import compose, describe
 from navrl.training.worker import WorkerEnv, worker_seed
 
@@ -169,7 +169,7 @@ def test_worker_seeds_differ_and_do_not_change():
 )
 def test_bad_collectors_are_named(overrides, message, tmp_path):
     with pytest.raises(Exception, match="collector") as caught:
-        build.make_trainer(compose("train", [*TINY, *overrides]), tmp_path)
+        factory.make_trainer(compose("train", [*TINY, *overrides]), tmp_path)
     assert message in describe(caught.value)
 
 
@@ -179,6 +179,6 @@ def test_missing_ray_says_how_to_get_it(monkeypatch, tmp_path):
         importlib.util, "find_spec", lambda name, *a: None if name == "ray" else find(name, *a)
     )
     with pytest.raises(Exception, match="ray") as caught:
-        build.make_trainer(compose("train", [*TINY, "collector=ray"]), tmp_path)
+        factory.make_trainer(compose("train", [*TINY, "collector=ray"]), tmp_path)
     assert "collector=ray: needs ray" in describe(caught.value)
     assert "pip install -e '.[ray]'" in describe(caught.value)

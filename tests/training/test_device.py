@@ -10,9 +10,9 @@ import torch
 from runs import tiny_trainer
 
 from navrl import keys
-from navrl.build import make_agent
-from navrl.build.environment import make_training_env
 from navrl.config import compose, instantiate
+from navrl.factory import make_agent
+from navrl.factory.environment import make_training_env
 from navrl.training.worker import WorkerPolicy
 
 HERE = Path(__file__).parent

@@ -6,7 +6,7 @@ from pathlib import Path
 import navrl
 
 ROOT = Path(navrl.__file__).parent
-ABOVE = {"viz", "build", "build.py", "cli"}
+ABOVE = {"viz", "factory", "jobs", "build.py", "cli"}
 
 
 def imported(file):

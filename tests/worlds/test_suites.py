@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from navrl.build.suites import check_frozen, freeze, frozen_suites
 from navrl.cli.suites import main
 from navrl.config import CONF_DIR, compose, instantiate
+from navrl.jobs.suites import check_frozen, freeze, frozen_suites
 from navrl.worlds import (
     FrozenEpisodes,
     FrozenSuiteError,
@@ -108,7 +108,7 @@ def test_what_is_not_frozen_is_told(change, words):
 
 def test_frozen_episodes_are_never_replaced(tmp_path, monkeypatch):
     monkeypatch.setattr("navrl.worlds.frozen.FROZEN", tmp_path)
-    monkeypatch.setattr("navrl.build.suites.FROZEN", tmp_path)
+    monkeypatch.setattr("navrl.jobs.suites.FROZEN", tmp_path)
     monkeypatch.setattr(FrozenEpisodes.save, "__defaults__", (tmp_path,))
     from navrl.worlds.frozen import frozen_episodes
 

@@ -2,13 +2,13 @@
 
 import torch
 
-from navrl import build, keys
+from navrl import factory, keys
 from navrl.config import compose, instantiate
 
 
 def env_of(robot, transforms):
     cfg = compose("evaluate", [f"robot.max_speed={robot}"])
-    return build.make_env(build.make_navigation_env(cfg, 1), transforms)
+    return factory.make_env(factory.make_navigation_env(cfg, 1), transforms)
 
 
 def test_one_pipeline_serves_two_environments():
@@ -25,5 +25,5 @@ def test_one_pipeline_serves_two_environments():
 def test_gymnasium_leaves_the_overrides_as_they_were():
     overrides = ["scenario=corridor", "pool_size=2", "num_threads=1"]
     given = list(overrides)
-    build.make_gymnasium_env(overrides=given).close()
+    factory.make_gymnasium_env(overrides=given).close()
     assert given == overrides

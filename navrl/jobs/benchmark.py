@@ -17,7 +17,9 @@ from navrl import benchmarks
 from navrl.algos import DDPG
 from navrl.algos.precision import Precision
 from navrl.benchmarks import Budget, Report, Row, Series
-from navrl.build.environment import (
+from navrl.config import compose, instantiate
+from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.factory.environment import (
     make_device,
     make_env,
     make_navigation_env,
@@ -25,9 +27,7 @@ from navrl.build.environment import (
     num_threads,
     on_cpu,
 )
-from navrl.build.training import make_agent, make_collector, make_trainer, observation_shapes
-from navrl.config import compose, instantiate
-from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.factory.training import make_agent, make_collector, make_trainer, observation_shapes
 from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay

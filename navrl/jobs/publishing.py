@@ -6,12 +6,12 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from navrl.build.evaluation import bundle_folder
-from navrl.build.inputs import bundle_files, policy_hash
-from navrl.build.provenance import recorded_origins
 from navrl.evaluation import Evaluation, find_evaluations
+from navrl.factory.policy import bundle_folder
 from navrl.files import csv_text, markdown_text, write_text
+from navrl.jobs.inputs import bundle_files, policy_hash
 from navrl.policies import load_bundle, save_bundle
+from navrl.training.provenance import recorded_origins
 from navrl.untrusted import DamagedFileError, is_number, read_table, read_yaml
 
 CURVE = "curve.csv"

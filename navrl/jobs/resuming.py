@@ -8,8 +8,9 @@ from pathlib import Path
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from navrl.build.run_folder import CONFIG_FILE, HARMLESS, differences, flat_values
+from navrl.factory.values import flat_values
 from navrl.files import write_text
+from navrl.jobs.run_folder import CONFIG_FILE, HARMLESS, differences
 
 _RECORD = Path("checkpoint") / CONFIG_FILE  # the configuration that made the checkpoint
 

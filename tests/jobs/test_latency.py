@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from navrl.build import measure_latency, run_evaluation
 from navrl.config import compose
+from navrl.jobs import measure_latency, run_evaluation
 
 TINY = [
     *("suite=smoke", "suite.num_episodes=3", "num_worlds=3", "num_threads=1"),

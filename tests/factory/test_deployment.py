@@ -4,9 +4,9 @@ import pytest
 from omegaconf import OmegaConf
 from runs import TINY
 
-from navrl import build
-from navrl.build.environment import make_training_env
+from navrl import factory, jobs
 from navrl.config import compose
+from navrl.factory.environment import make_training_env
 from navrl.policies import load_bundle
 from navrl.transforms import ActionShield, MinPool
 
@@ -20,12 +20,12 @@ def cfg():
 def test_the_bundle_has_its_shield_and_training_has_none(cfg, tmp_path):
     env = make_training_env(cfg, seed=0, num_worlds=1)
     assert not any(isinstance(step, ActionShield) for step in env.transform)
-    shapes = build.observation_shapes(env)
-    actor, _ = build.make_agent(cfg, shapes)
-    build.save_policy(cfg, actor, shapes, tmp_path / "policy", {})
+    shapes = factory.observation_shapes(env)
+    actor, _ = factory.make_agent(cfg, shapes)
+    factory.save_policy(cfg, actor, shapes, tmp_path / "policy", {})
     steps = [*load_bundle(tmp_path / "policy").build("transforms")]
     assert isinstance(steps[0], MinPool) and isinstance(steps[-1], ActionShield)
-    recording = build.record(
+    recording = jobs.record(
         compose("play", [f"policy={tmp_path}", "suite=smoke", "environment.time_limit_steps=3"])
     )
     assert recording.action[:, 0].max() <= 0.6
@@ -33,9 +33,9 @@ def test_the_bundle_has_its_shield_and_training_has_none(cfg, tmp_path):
 
 def test_a_run_from_before_this_key_saves_what_it_was_trained_with(cfg, tmp_path):
     older = OmegaConf.masked_copy(cfg, [key for key in cfg if key != "deployment"])
-    shapes = build.observation_shapes(make_training_env(older, seed=0, num_worlds=1))
-    actor, _ = build.make_agent(older, shapes)
-    build.save_policy(older, actor, shapes, tmp_path / "policy", {})
+    shapes = factory.observation_shapes(make_training_env(older, seed=0, num_worlds=1))
+    actor, _ = factory.make_agent(older, shapes)
+    factory.save_policy(older, actor, shapes, tmp_path / "policy", {})
     config = load_bundle(tmp_path / "policy").config
     assert "action_shield" not in config["transforms"]
 
@@ -44,4 +44,4 @@ def test_a_mistake_is_told_before_the_training(cfg, tmp_path):
     wrong = cfg.copy()
     wrong.deployment.transforms.action_shield.horizon = -1.0
     with pytest.raises(Exception, match="horizon"):
-        build.make_trainer(wrong, tmp_path)
+        factory.make_trainer(wrong, tmp_path)

@@ -8,9 +8,9 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from navrl.build.run_folder import flat_values
 from navrl.config import compose, instantiate
 from navrl.evaluation.archive import KEPT
+from navrl.factory.values import flat_values
 
 PARTS = ("transforms", "lidar", "robot")
 """What a bundle brings, and what ``change`` changes of a policy."""

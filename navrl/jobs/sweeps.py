@@ -14,9 +14,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf, read_write
 
-from navrl.build import new_folder
 from navrl.config import CONF_DIR
 from navrl.evaluation import compare, find_evaluations, markdown, write_comparison
+from navrl.jobs import new_folder
 from navrl.policies import zoo_names
 
 log = logging.getLogger(__name__)

@@ -4,9 +4,10 @@ import json
 
 import pytest
 
-from navrl.build import make_contender, record, run_evaluation
-from navrl.build.overrides import check_drawing, check_measured, check_policy
 from navrl.config import compose
+from navrl.factory import make_evaluated_policy
+from navrl.factory.overrides import check_drawing, check_measured, check_policy
+from navrl.jobs import record, run_evaluation
 from navrl.worlds import Suite
 
 TINY = ["suite=smoke", "suite.num_episodes=2", "num_worlds=2", "num_threads=1"]
@@ -32,7 +33,7 @@ def config(*overrides, command="evaluate"):
 )
 def test_parts_that_a_bundle_brings_are_not_overridden(command, word, key):
     with pytest.raises(ValueError, match=rf"^{key}.*no effect.*\+change\.{key}"):
-        make_contender(config("policy=paper", word, command=command))
+        make_evaluated_policy(config("policy=paper", word, command=command))
 
 
 @pytest.mark.parametrize(
@@ -41,7 +42,7 @@ def test_parts_that_a_bundle_brings_are_not_overridden(command, word, key):
 )
 def test_a_change_of_an_unknown_part_is_an_error(policy, word, part):
     with pytest.raises(ValueError, match=rf"change\.{part}: .* change\.transforms"):
-        make_contender(config(f"policy={policy}", word))
+        make_evaluated_policy(config(f"policy={policy}", word))
 
 
 def test_a_change_that_does_not_fit_the_network_is_an_error(tmp_path):
@@ -53,20 +54,22 @@ def test_a_change_that_does_not_fit_the_network_is_an_error(tmp_path):
 
 def test_changes_of_a_controllers_parts_have_an_effect():
     words = ("+change.lidar.num_beams=720", "+change.robot.max_speed=0.4")
-    env = make_contender(config("policy=dwa", *words, "+change.transforms.tagd.num_groups=20")).env
+    env = make_evaluated_policy(
+        config("policy=dwa", *words, "+change.transforms.tagd.num_groups=20")
+    ).env
     assert env.base_env.simulator.lidar.num_beams == 720
     assert env.base_env.simulator.robot.max_speed == pytest.approx(0.4)
     assert env.observation_spec["tagd"].shape == (2, 20, 4)
 
 
 def test_overridden_parts_of_a_controller_have_an_effect():
-    env = make_contender(config("policy=dwa", "lidar.num_beams=720")).env
+    env = make_evaluated_policy(config("policy=dwa", "lidar.num_beams=720")).env
     assert env.base_env.simulator.lidar.num_beams == 720
 
 
 def test_worlds_of_the_simulator_are_those_of_the_environment():
     with pytest.raises(ValueError, match=r"simulator.num_worlds=7: no effect, num_worlds=7"):
-        make_contender(config("policy=random", "simulator.num_worlds=7"))
+        make_evaluated_policy(config("policy=random", "simulator.num_worlds=7"))
 
 
 def test_a_reward_without_recordings_is_an_error():
@@ -104,7 +107,7 @@ def test_a_suite_without_episodes_names_its_number():
 
 
 def test_latency_is_that_of_the_changed_policy(tmp_path, monkeypatch):
-    from navrl.build.evaluation import make_runner
+    from navrl.jobs.evaluation import make_runner
 
     assert make_runner(config("policy=dwa")) is None
     runner = make_runner(config("policy=paper", "+change.robot.max_speed=0.4"))

@@ -2,9 +2,9 @@
 
 import pytest
 
-from navrl.build import record, run_evaluation
 from navrl.config import compose
 from navrl.evaluation.recording import Recording
+from navrl.jobs import record, run_evaluation
 
 TINY = ["suite=smoke", "num_threads=1", "environment.time_limit_steps=8", "policy=pure_pursuit"]
 TERMS = {"collision", "guidance", "proximity", "progress"}

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from navrl.build.evaluation import bundle_folder, policy_parts
-from navrl.build.inputs import evaluation_inputs
-from navrl.build.overrides import check_options, check_policy
-from navrl.build.run_folder import claim_folder
 from navrl.evaluation.archive import missing_recordings
 from navrl.evaluation.results import EPISODES, SUMMARY
 from navrl.evaluation.stored import whole_results
+from navrl.factory.overrides import check_options, check_policy
+from navrl.factory.policy import bundle_folder
+from navrl.jobs.inputs import evaluation_inputs, policy_parts
+from navrl.jobs.run_folder import claim_folder
 
 log = logging.getLogger(__name__)
 

@@ -13,13 +13,13 @@ from tensordict import TensorDictBase
 
 from navrl import keys
 from navrl.benchmarks.measurement import frozen_objects, threads
-from navrl.build.evaluation import make_contender, make_runner
-from navrl.build.overrides import check_options
 from navrl.config import instantiate
 from navrl.deploy import PolicyRunner
 from navrl.evaluation import evaluate
 from navrl.evaluation.metrics import controller_latency
 from navrl.evaluation.stored import LATENCY, read_latency
+from navrl.factory.overrides import check_options
+from navrl.factory.policy import make_evaluated_policy, make_runner
 from navrl.files import write_json
 from navrl.untrusted import DamagedFileError
 from navrl.worlds import ScenarioBatch
@@ -56,13 +56,13 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
     scenarios = instantiate(cfg.suite).scenarios(range(count))
     cfg = cfg.copy()
     cfg.num_worlds = 1
-    contender, runner = make_contender(cfg), make_runner(cfg)
-    clock = _Clock(contender.policy, runner)
+    evaluated, runner = make_evaluated_policy(cfg), make_runner(cfg)
+    clock = _Clock(evaluated.policy, runner)
     with threads(1), frozen_objects(), torch.no_grad():
         for scenario in scenarios:
             clock.start_episode()
-            evaluate(contender.env, clock, ScenarioBatch.pack([scenario]))
-    contender.env.close()
+            evaluate(evaluated.env, clock, ScenarioBatch.pack([scenario]))
+    evaluated.env.close()
     found = {**controller_latency(clock.decisions), "episodes": count}
     write_json(file, found, indent=2)
     return found

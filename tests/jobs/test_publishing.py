@@ -7,9 +7,9 @@ import shutil
 import pytest
 import torch
 
-from navrl.build.inputs import bundle_files, policy_hash
-from navrl.build.publishing import CURVE
 from navrl.cli.publish import main
+from navrl.jobs.inputs import bundle_files, policy_hash
+from navrl.jobs.publishing import CURVE
 from navrl.policies import ZOO, load_bundle
 
 COLUMNS = ("frames", "updates", "evaluation/success_rate", "evaluation/timeout_rate")

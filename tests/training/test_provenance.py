@@ -3,8 +3,8 @@
 import sys
 
 from navrl import __version__
-from navrl.build.provenance import record_command, recorded_commands
-from navrl.build.training import _card
+from navrl.factory.training import _card
+from navrl.training.provenance import record_command, recorded_commands
 
 
 def test_the_card_lists_the_commands_in_order(tmp_path, monkeypatch):

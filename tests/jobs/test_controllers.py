@@ -6,9 +6,9 @@ import importlib.util
 import numpy as np
 import pytest
 
-from navrl.build import run_evaluation
 from navrl.config import CONF_DIR, compose
 from navrl.evaluation.recording import Recording
+from navrl.jobs import run_evaluation
 
 NAMES = sorted(path.stem for path in (CONF_DIR / "controller").glob("*.yaml"))
 SHORT = ["suite=smoke", "suite.num_episodes=3", "num_worlds=2", "environment.time_limit_steps=8"]

@@ -13,7 +13,9 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import TransformedEnv
 
 import navrl
-from navrl.build.environment import (
+from navrl.config import instantiate
+from navrl.evaluation import evaluate, rates
+from navrl.factory.environment import (
     make_device,
     make_env,
     make_navigation_env,
@@ -21,11 +23,9 @@ from navrl.build.environment import (
     make_training_env,
     on_cpu,
 )
-from navrl.build.provenance import recorded_commands
-from navrl.config import instantiate
-from navrl.evaluation import evaluate, rates
 from navrl.policies import save_bundle, saved_metrics
 from navrl.training import Collector, Trainer
+from navrl.training.provenance import recorded_commands
 from navrl.training.workers import WorkersCollector
 
 

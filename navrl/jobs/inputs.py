@@ -10,10 +10,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 import navrl
-from navrl.build.run_folder import flat_values, result_values
+from navrl.factory.policy import bundle_folder, with_controller
+from navrl.factory.values import flat_values
+from navrl.jobs.run_folder import result_values
 
 PACKAGE = Path(navrl.__file__).parent
 _NO_RESULT = ("algos", "training", "viz", "deploy", "benchmarks", "cli")  # nothing is played there
@@ -87,3 +89,15 @@ def _plain(part: Any) -> Any:
 
 def _hash_of(values: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def policy_parts(cfg: DictConfig) -> dict[str, Any]:
+    """Return what :func:`policy_hash` takes: a bundle's files or a node.
+
+    Raises:
+        ValueError: If there is no such policy.
+    """
+    folder = bundle_folder(cfg.policy)
+    if folder is None:
+        return OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+    return bundle_files(folder)

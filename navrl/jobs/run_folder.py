@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from navrl.factory.values import flat_values
 from navrl.files import write_text
 
 CONFIG_FILE = "config.yaml"
@@ -20,7 +20,7 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
     """Write ``cfg`` to ``folder/config.yaml``, or see that the same is there already.
 
     Two configurations in one folder would mix their results; a job of a sweep that is started
-    again finds its own. Hold :func:`navrl.build.run_lock.locked` meanwhile.
+    again finds its own. Hold :func:`navrl.jobs.run_lock.locked` meanwhile.
 
     Args:
         cfg: What is about to run.
@@ -45,11 +45,6 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
     write_text(file, OmegaConf.to_yaml(cfg))
 
 
-def flat_values(cfg: DictConfig) -> dict[str, Any]:
-    """Return every value of a config under its dotted name, interpolations as they are written."""
-    return dict(_leaves(OmegaConf.to_container(cfg, resolve=False)))
-
-
 def result_values(cfg: DictConfig) -> dict[str, Any]:
     """Return the values of :func:`flat_values` that may change a result."""
     return {name: value for name, value in flat_values(cfg).items() if _matters(name)}
@@ -67,12 +62,3 @@ def differences(there: dict[str, Any], here: dict[str, Any]) -> list[tuple[str, 
         if _matters(name)
     ]
     return [(name, old, new) for name, old, new in pairs if old != new]
-
-
-def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every value below ``node`` with its dotted name."""
-    if isinstance(node, dict):
-        for key, value in node.items():
-            yield from _leaves(value, f"{prefix}.{key}" if prefix else str(key))
-    else:
-        yield prefix, node

@@ -11,11 +11,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from navrl import keys
-from navrl.build.environment import make_navigation_env, make_pool
 from navrl.config import check_types, compose
 from navrl.envs import NavigationEnv, Outcome
 from navrl.envs.gymnasium import GymnasiumNavigation
 from navrl.evaluation.recording import Recording
+from navrl.factory.environment import make_navigation_env, make_pool
 from navrl.viz.live import LiveScene
 from navrl.worlds import Scenario
 

@@ -17,9 +17,6 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 import navrl
-from navrl.build.environment import num_threads, set_threads
-from navrl.build.overrides import check_options
-from navrl.build.run_folder import result_values
 from navrl.config import set_default
 from navrl.evaluation import EpisodeRecord, evaluate
 from navrl.evaluation.archive import RECORDINGS, EpisodeArchive
@@ -28,6 +25,9 @@ from navrl.evaluation.results import EPISODES, SUMMARY
 from navrl.evaluation.rollout import side_by_side
 from navrl.evaluation.stored import LATENCY
 from navrl.evaluation.unfinished import FinishedChunks
+from navrl.factory.environment import num_threads, set_threads
+from navrl.factory.overrides import check_options
+from navrl.jobs.run_folder import result_values
 from navrl.progress_bar import progress_bar
 from navrl.worlds import Scenario, ScenarioBatch
 
@@ -111,18 +111,18 @@ class _Player:
         make: Callable[[DictConfig], Playable],
     ) -> None:
         kept = cfg.get("recordings", "none")
-        self._batch, self._contender = ScenarioBatch.pack(scenarios), make(cfg)
+        self._batch, self._evaluated = ScenarioBatch.pack(scenarios), make(cfg)
         self._recorder = None
         if kept != "none":
             place = folder / RECORDINGS
-            self._recorder = EpisodeArchive(self._contender.env, scenarios, place, kept)
+            self._recorder = EpisodeArchive(self._evaluated.env, scenarios, place, kept)
 
     def play(self, chunk: range) -> Chunk:
-        env, policy = self._contender.env, self._contender.policy
+        env, policy = self._evaluated.env, self._evaluated.policy
         return chunk, evaluate(env, policy, self._batch, recorder=self._recorder, chunks=[chunk])
 
     def close(self) -> None:
-        self._contender.env.close()
+        self._evaluated.env.close()
 
 
 def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chunk]:

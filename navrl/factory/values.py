@@ -1,0 +1,22 @@
+"""The values of a configuration by their dotted names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+
+def flat_values(cfg: DictConfig) -> dict[str, Any]:
+    """Return every value of a config under its dotted name, interpolations as they are written."""
+    return dict(_leaves(OmegaConf.to_container(cfg, resolve=False)))
+
+
+def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value below ``node`` with its dotted name."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from _leaves(value, f"{prefix}.{key}" if prefix else str(key))
+    else:
+        yield prefix, node

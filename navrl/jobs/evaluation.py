@@ -1,0 +1,99 @@
+"""Play a suite with a policy and write the results."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache, partial
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+
+from navrl.config import instantiate
+from navrl.evaluation import summarize, write_results
+from navrl.evaluation.errors import write_errors
+from navrl.evaluation.recording import Recording, record_episode
+from navrl.factory.environment import num_threads
+from navrl.factory.overrides import check_options, check_suite
+from navrl.factory.policy import bundle_folder, make_evaluated_policy, policy_name
+from navrl.factory.values import flat_values
+from navrl.jobs.inputs import evaluation_inputs, policy_parts
+from navrl.jobs.playing import finish, play_suite
+from navrl.worlds import Scenario
+
+
+def check_evaluation(cfg: DictConfig) -> None:
+    """Check everything about an evaluation but its policy, before a training or any episode.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+
+    Raises:
+        ValueError: If a value is out of range, or an episode is not the frozen one.
+    """
+    check_options(cfg)
+    check_suite(cfg)
+
+
+def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
+    """Play ``cfg.suite`` with ``cfg.policy`` and write the results into ``folder``.
+
+    Returns:
+        The summary.
+    """
+    _check_start(cfg)
+    suite = instantiate(cfg.suite)
+    scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
+    bundle = bundle_folder(cfg.policy)
+    attends = bundle is not None and cfg.get("recordings", "none") != "none"
+    make = partial(make_evaluated_policy, with_attention=attends)
+    determined_by = evaluation_inputs(cfg, policy_parts(cfg))
+    records = play_suite(cfg, scenarios, folder, make, json.dumps(determined_by))
+    summary = summarize(
+        records,
+        policy=policy_name(cfg),
+        suite=suite.name,
+        suite_hash=suite.hash(scenarios),
+        suite_version=suite.version,
+        simulator=cfg.simulator["_target_"].rpartition(".")[2],
+    )
+    if cfg.change:
+        summary = {**summary, "change": dict(flat_values(cfg.change))}
+    write_errors(folder, records, scenarios)
+    summary = write_results(folder, records, {**summary, **determined_by})
+    finish(folder)
+    return summary
+
+
+def _check_start(cfg: DictConfig) -> None:
+    """Report mistakes here, before scenarios are generated and in this process."""
+    check_options(cfg)
+    small = cfg.copy()
+    small.num_worlds = 1
+    make_evaluated_policy(small).env.close()
+
+
+@lru_cache(maxsize=16)
+def _scenarios(suite: str, num_workers: int) -> list[Scenario]:
+    """Generate a suite's scenarios once for all policies of a sweep: they take a fifth of its time.
+
+    Args:
+        suite: Its resolved configuration as YAML.
+        num_workers: Processes that share the work.
+    """
+    return instantiate(OmegaConf.create(suite)).scenarios(num_workers=num_workers)
+
+
+def record(cfg: DictConfig) -> Recording:
+    """Play episode ``cfg.episode`` of ``cfg.suite`` with ``cfg.policy`` and keep all of it.
+
+    Raises:
+        ValueError: If the suite has no such episode, or ``num_worlds`` is not 1.
+    """
+    if cfg.num_worlds != 1:
+        raise ValueError(f"num_worlds={cfg.num_worlds}: one episode is played, must be 1")
+    scenario = instantiate(cfg.suite).scenarios([cfg.episode])[0]
+    is_bundle = bundle_folder(cfg.policy) is not None
+    evaluated = make_evaluated_policy(cfg, with_attention=is_bundle)
+    recording = record_episode(evaluated.env, evaluated.policy, scenario)
+    evaluated.env.close()
+    return recording
