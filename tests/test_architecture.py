@@ -33,7 +33,7 @@ RANK = {
     "cli": 9,
 }
 HOMES = {
-    "pybullet": ("sim/bullet.py", "sim/"),
+    "pybullet": ("sim/bullet_client.py",),
     "numba": ("ops/", "sim/batched.py"),
     "hydra": ("config.py", "factory/", "jobs/", "cli/"),
     "omegaconf": ("config.py", "factory/", "jobs/", "cli/"),

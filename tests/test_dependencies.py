@@ -51,7 +51,9 @@ def test_base_packages_suffice_for_transforms_and_networks():
     assert "[2, 90, 2]" in done.stdout, done.stderr[-2000:]
 
 
-@pytest.mark.parametrize("code", ["import navrl.envs", "import navrl.factory", "import navrl.worlds"])
+@pytest.mark.parametrize(
+    "code", ["import navrl.envs", "import navrl.factory", "import navrl.worlds"]
+)
 def test_a_missing_extra_is_named(code):
     line = run(code).stderr.strip().splitlines()[-1]
     assert line.startswith("ModuleNotFoundError: navrl.")

@@ -24,7 +24,7 @@ from navrl.deploy.safety import (
     safe_command,
 )
 from navrl.policies import load_bundle
-from navrl.sim import DifferentialDrive, Lidar
+from navrl.sim import Lidar, RobotModel
 from navrl.transforms.min_pool import check_mount
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
@@ -68,7 +68,7 @@ class PolicyRunner:
         transforms: Transform,
         actor: TensorDictModule,
         lidar: Lidar,
-        robot: DifferentialDrive,
+        robot: RobotModel,
         limits: SafetyLimits | None = None,
     ) -> None:
         check_mount(transforms, lidar.mount)
@@ -201,7 +201,7 @@ def _single(values: ArrayLike) -> np.ndarray:
 class _Senses(EnvBase):
     """What a robot observes and can do, as specs for the transforms; it is never stepped."""
 
-    def __init__(self, lidar: Lidar, robot: DifferentialDrive) -> None:
+    def __init__(self, lidar: Lidar, robot: RobotModel) -> None:
         super().__init__(batch_size=[1])
         observation = {
             keys.RANGES: Bounded(0.0, lidar.max_range, shape=(1, lidar.num_beams)),
@@ -209,9 +209,7 @@ class _Senses(EnvBase):
             keys.PATH: Unbounded((1, MAX_PATH_POINTS, 2), dtype=torch.float64),
         }
         self.observation_spec = Composite(observation, shape=(1,))
-        low = torch.tensor([[robot.min_speed, -robot.max_turn_rate]])
-        high = torch.tensor([[robot.max_speed, robot.max_turn_rate]])
-        self.action_spec = Bounded(low, high)
+        self.action_spec = Bounded(*(bound.unsqueeze(0) for bound in robot.bounds()))
         self.reward_spec = Unbounded((1, 1))
 
     def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:

@@ -29,7 +29,8 @@ _STATE = (
 class NavigationEnv(EnvBase):
     """Drive N robots to their goals among pedestrians that never give way.
 
-    **Action** ``action [N, 2]``: (v, w) in m/s and rad/s, within the robot's limits.
+    **Action** ``action [N, C]``: the robot's command, within its limits; of a differential drive
+    ``[N, 2]``, (v, w) in m/s and rad/s.
 
     **Observation** (everything else is a transform's business):
 
@@ -158,11 +159,8 @@ class NavigationEnv(EnvBase):
             observation[keys.PEDESTRIAN_BOXES] = Unbounded((n, k, 5), device=device)
             observation[keys.PEDESTRIAN_CLEARANCE] = Unbounded((n, 1), device=device)
         self.observation_spec = Composite(observation, shape=(n,), device=device)
-        low = torch.tensor([robot.min_speed, -robot.max_turn_rate], device=device)
-        high = torch.tensor([robot.max_speed, robot.max_turn_rate], device=device)
-        self.action_spec = Bounded(
-            low.expand(n, 2).contiguous(), high.expand(n, 2).contiguous(), device=device
-        )
+        low, high = (bound.expand(n, -1).contiguous() for bound in robot.bounds(device))
+        self.action_spec = Bounded(low, high, device=device)
         self.reward_spec = Unbounded((n, 1), device=device)
         done = {"dtype": torch.bool, "device": device}
         self.full_done_spec = Composite(

@@ -50,7 +50,7 @@ def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
         "_target_": "navrl.networks.make_actor",
         **network,
         "shapes": {key: list(shapes[key]) for key in needed},
-        "action_size": 2,
+        "action_size": instantiate(cfg.robot).command_size,
     }
 
 

@@ -2,16 +2,23 @@
 
 from importlib import import_module
 
+from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
+from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import DifferentialDrive
-from navrl.sim.simulator import Contact, SimState, Simulator
+from navrl.sim.robot import DifferentialDrive, RobotModel
+from navrl.sim.simulator import Simulator
+from navrl.sim.state import Contact, SimState
 
 __all__ = [
     "BatchedSimulator",
     "BulletSimulator",
     "Contact",
+    "Delays",
     "DifferentialDrive",
     "Lidar",
+    "PedestrianModel",
+    "RobotModel",
+    "ScriptedRoutes",
     "SimState",
     "Simulator",
 ]

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from navrl.ops.backend import find_device
 from navrl.ops.kernels.worlds import (
     place_pedestrians_kernel,
     scan_worlds_kernel,
     step_worlds_kernel,
 )
 from navrl.ops.raycast import beam_directions
+from navrl.sim.crowd import PedestrianModel, step_legs
+from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import DifferentialDrive
-from navrl.sim.simulator import SimState, Simulator
+from navrl.sim.robot import DifferentialDrive, RobotModel
+from navrl.sim.scenario_rows import seated
+from navrl.sim.simulator import Simulator
+from navrl.sim.state import SimState
 from navrl.worlds.scenario import MAX_ROUTE_POINTS
 
 if TYPE_CHECKING:
@@ -32,11 +36,14 @@ class BatchedSimulator(Simulator):
 
     Args:
         num_worlds: N.
-        robot: its drive and limits.
+        robot: the base. A :class:`navrl.sim.DifferentialDrive` is compiled; any other is driven by
+            its own torch code.
         lidar: its beams.
         time_step_s: duration of a step, s.
         substeps: contact checks a step.
         max_pedestrians: K, rows kept for pedestrians in each world.
+        pedestrians: where pedestrians walk; their scenario's routes if None.
+        delays: ages of scans and commands; none if None.
         max_walls: rows kept for walls in each world; grows when a scenario has more.
         device: ``cpu``, or ``cuda`` for the current CUDA device, where then all state and outputs
             are, and where commands come from. Scenarios may be on either. A device rounds in its
@@ -54,38 +61,36 @@ class BatchedSimulator(Simulator):
     def __init__(
         self,
         num_worlds: int,
-        robot: DifferentialDrive,
+        robot: RobotModel,
         lidar: Lidar,
         time_step_s: float = 0.2,
         substeps: int = 10,
         max_pedestrians: int = 10,
         max_walls: int = 32,
         device: torch.device | str = "cpu",
+        pedestrians: PedestrianModel | None = None,
+        delays: Delays | None = None,
     ) -> None:
-        positive = {
-            "num_worlds": num_worlds,
-            "time_step_s": time_step_s,
-            "substeps": substeps,
-            "max_pedestrians": max_pedestrians,
-            "max_walls": max_walls,
-        }
-        for name, value in positive.items():
-            if not value > 0:
-                raise ValueError(f"{name} must be positive, got {value}")
-        self.num_worlds = int(num_worlds)
-        self.robot, self.lidar = robot, lidar
-        self.time_step_s, self.substeps = float(time_step_s), int(substeps)
-        self.max_pedestrians = int(max_pedestrians)
-        self.device = find_device(device)
-        self._timing = (self.time_step_s / self.substeps, self.substeps)
-        self._drive = (
-            robot.radius,
-            robot.wheel_separation,
-            robot.acceleration_limit,
-            robot.min_speed,
-            robot.max_speed,
-            robot.max_turn_rate,
+        super().__init__(
+            num_worlds,
+            robot,
+            lidar,
+            time_step_s,
+            substeps,
+            max_pedestrians,
+            pedestrians,
+            delays,
+            device,
         )
+        if not max_walls > 0:
+            raise ValueError(f"max_walls must be positive, got {max_walls}")
+        self._timing = (
+            self.substep_s,
+            self.substeps,
+            *self.commands.first_substeps,
+            self.scan_memory.scanned_substep,
+        )
+        self._drive = _drive_parameters(robot)
         self._mount = torch.tensor(lidar.mount, dtype=torch.float64, device=self.device)
         self._every_world = torch.arange(self.num_worlds, device=self.device)
         self._beams = beam_directions(lidar.num_beams, self.device)
@@ -97,7 +102,7 @@ class BatchedSimulator(Simulator):
         whole = {"dtype": torch.int64, "device": self.device}
         self._rows = {  # documented in navrl.ops.kernels.worlds
             "pose": torch.full((n, 3), torch.nan, **real),  # NaN until the first reset
-            "velocity": torch.zeros(n, 2, **real),
+            "velocity": torch.zeros(n, self.robot.command_size, **real),
             "tick": torch.zeros(n, **whole),
             "contact": torch.zeros(n, **whole),
             "walls": torch.zeros(n, max_walls, 6, **real),
@@ -107,6 +112,8 @@ class BatchedSimulator(Simulator):
             "walk": torch.full((n, k, 4), torch.nan, **real),
             "boxes": torch.full((n, k, 5), torch.nan, **real),
         }
+        self._legs = torch.full((n, k, 5), torch.nan, **real)  # of the present step
+        self._track = torch.zeros(n, 1, 5, **real)  # unused by a compiled drive
         self._is_ready = False
         self._all_finite = torch.ones((), dtype=torch.bool, device=self.device)
         self._make_scratch()
@@ -125,7 +132,16 @@ class BatchedSimulator(Simulator):
         for name in ("velocity", "tick", "contact"):
             rows[name][worlds] = 0
         self._reset_pedestrians(worlds, scenarios)
+        self.commands.reset(worlds)
+        self.scan_memory.reset(worlds, self._scene)
+        if self.pedestrians.is_reactive:
+            self.pedestrians.reset(worlds, seated(scenarios, self.max_pedestrians))
         self._is_ready = self._is_ready or not bool(rows["pose"].isnan().any())
+
+    @property
+    def _scene(self) -> dict[str, Tensor]:
+        """What the lidar sees move, as it is now."""
+        return {name: self._rows[name] for name in ("pose", "boxes")}
 
     def _make_room(self, num_walls: int) -> None:
         walls = self._rows["walls"]
@@ -154,10 +170,13 @@ class BatchedSimulator(Simulator):
         rows["walk"][worlds, :count] = walk[row, order]
         rows["route"][worlds, :count] = scenarios.route[row, order]
         rows["route_arc"][worlds, :count] = scenarios.route_arc[row, order]
+        self._legs[worlds] = torch.nan
         place_pedestrians_kernel(
             worlds,
-            *(rows[name] for name in ("boxes", "route", "route_arc", "walk", "tick")),
-            self._timing[0],
+            *(rows[name] for name in ("boxes", "route", "route_arc", "walk")),
+            self._legs,
+            rows["tick"],
+            self.substep_s,
         )
 
     def _check_last_commands(self) -> None:
@@ -179,14 +198,34 @@ class BatchedSimulator(Simulator):
         if not self._is_ready:
             raise RuntimeError("every world must be reset before the first step")
         rows = self._rows
+        older, newer = self.commands.push(self._finite(command).double().contiguous())
+        if self.pedestrians.is_reactive:
+            targets = self.pedestrians.targets(self.state(), self.time_step_s)
+            self._legs = step_legs(rows["boxes"], targets)
+        velocities = None
+        if not isinstance(self.robot, DifferentialDrive):
+            motion = (rows["pose"], rows["velocity"], older, newer)
+            self._track, velocities = self.trajectory(*motion)
+        before = rows["tick"].clone() if velocities is not None else None
+        seen = self.scan_memory.next() if self.scan_memory.is_used else self._scene
         step_worlds_kernel(
             *(rows[name] for name in ("pose", "velocity", "tick", "contact")),
-            self._finite(command).double().contiguous(),
+            older,
+            newer,
+            self._track,
             self._drive,
             self._timing,
-            *(rows[name] for name in ("walls", "num_walls", "route", "route_arc", "walk", "boxes")),
+            *(rows[name] for name in ("walls", "num_walls", "route", "route_arc", "walk")),
+            self._legs,
+            rows["boxes"],
             self._near,
+            seen["pose"],
+            seen["boxes"],
         )
+        if velocities is not None:
+            driven = rows["tick"] - before
+            last = velocities[self._every_world, (driven - 1).clamp_min(0)]
+            rows["velocity"] = torch.where(driven[:, None] > 0, last, rows["velocity"])
         return self.state()
 
     def state(self) -> SimState:
@@ -196,7 +235,7 @@ class BatchedSimulator(Simulator):
             velocity=rows["velocity"].float(),
             contact=rows["contact"].clone(),
             pedestrians=rows["boxes"].float(),
-            time_s=(rows["tick"] * self._timing[0]).float(),
+            time_s=(rows["tick"] * self.substep_s).float(),
         )
 
     def ranges(self, worlds: Tensor | None = None) -> Tensor:
@@ -204,13 +243,14 @@ class BatchedSimulator(Simulator):
         if not self._is_ready and bool(self._rows["pose"][worlds].isnan().any()):
             raise RuntimeError("every world must be reset before the first scan")
         out = torch.empty(len(worlds), self.lidar.num_beams, device=self.device)
-        rows = self._rows
+        seen = self.scan_memory.oldest if self.scan_memory.is_used else self._scene
         scan_worlds_kernel(
             out,
             worlds,
-            rows["pose"],
+            seen["pose"],
             self._mount,
-            *(rows[name] for name in ("walls", "num_walls", "boxes")),
+            *(self._rows[name] for name in ("walls", "num_walls")),
+            seen["boxes"],
             *self._beams,
             self.lidar.max_range,
         )
@@ -225,11 +265,13 @@ class BatchedSimulator(Simulator):
         return torch.cat((walls[:, :4], yaw[:, None]), dim=-1)
 
     def state_dict(self) -> dict[str, Tensor]:
-        return {name: rows.clone() for name, rows in self._rows.items()}
+        rows = {name: rows.clone() for name, rows in self._rows.items()}
+        return rows | self.clock_state()
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        if state.keys() != self._rows.keys():
-            raise ValueError(f"state must have the keys {sorted(self._rows)}, got {sorted(state)}")
+        needed = self._rows.keys() | self.clock_state().keys()
+        if state.keys() != needed:
+            raise ValueError(f"state must have the keys {sorted(needed)}, got {sorted(state)}")
         for name, rows in self._rows.items():
             wanted, got = list(rows.shape), list(state[name].shape)
             if name == "walls":
@@ -240,8 +282,24 @@ class BatchedSimulator(Simulator):
             name: state[name].to(self.device, rows.dtype, copy=True)
             for name, rows in self._rows.items()
         }
+        self.load_clock_state(state)
         self._is_ready = not bool(self._rows["pose"].isnan().any())
         self._make_scratch()
+
+
+def _drive_parameters(robot: RobotModel) -> tuple:
+    """Return the kernel's ``drive``: a differential drive's, or that another model drives."""
+    if not isinstance(robot, DifferentialDrive):
+        return (robot.radius, True, 1.0, math.inf, 0.0, 0.0, 0.0)
+    return (
+        robot.radius,
+        False,
+        robot.wheel_separation,
+        robot.acceleration_limit,
+        robot.min_speed,
+        robot.max_speed,
+        robot.max_turn_rate,
+    )
 
 
 def _packed_walls(scenarios: ScenarioBatch) -> Tensor:

@@ -8,29 +8,23 @@ computed with navrl's own geometry, so that equal episodes on
 from __future__ import annotations
 
 import contextlib
-import functools
-import time
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from navrl.ops.contact import NONE
+from navrl.sim.bullet_client import Client
 from navrl.sim.bullet_scene import Scene
-from navrl.sim.display import require_display
+from navrl.sim.crowd import PedestrianModel, boxes_along, step_legs
+from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import DifferentialDrive
-from navrl.sim.scenario_rows import ScenarioRows
-from navrl.sim.simulator import SimState, Simulator
+from navrl.sim.robot import RobotModel
+from navrl.sim.scenario_rows import ScenarioRows, seated
+from navrl.sim.simulator import Simulator
+from navrl.sim.state import SimState
 from navrl.worlds import ScenarioBatch
-
-try:
-    import pybullet
-except ImportError as error:
-    raise ImportError(
-        "BulletSimulator needs PyBullet, which is not installed: pip install pybullet"
-    ) from error
 
 GOLDEN_RATIO = 0.618034  # scatters the order in which storeys are built: PyBullet's tree of bodies
 # stays balanced, and rays in the last of 64 worlds cost as much as in the first (else 6 times more)
@@ -48,13 +42,15 @@ class BulletSimulator(Simulator):
 
     Args:
         num_worlds: N.
-        robot: its drive and limits.
+        robot: the base.
         lidar: its beams.
         time_step_s: duration of a step, s.
         substeps: contact checks a step.
         max_pedestrians: K, rows of :attr:`SimState.pedestrians`.
         gui: whether to show world 0 in PyBullet's window, in real time.
         device: ``cpu``, PyBullet has no other.
+        pedestrians: where pedestrians walk; their scenario's routes if None.
+        delays: ages of scans and commands; none if None.
 
     Raises:
         ValueError: a value is not positive, or ``device`` is not ``cpu``.
@@ -68,40 +64,41 @@ class BulletSimulator(Simulator):
     def __init__(
         self,
         num_worlds: int,
-        robot: DifferentialDrive,
+        robot: RobotModel,
         lidar: Lidar,
         time_step_s: float = 0.2,
         substeps: int = 10,
         max_pedestrians: int = 10,
         gui: bool = False,
         device: torch.device | str = "cpu",
+        pedestrians: PedestrianModel | None = None,
+        delays: Delays | None = None,
     ) -> None:
         self._client: Client | None = None
         if str(device) != "cpu":
             raise ValueError(
                 f"device={str(device)!r}: PyBullet runs on the cpu; simulator=batched runs on both"
             )
-        positive = {
-            "num_worlds": num_worlds,
-            "time_step_s": time_step_s,
-            "substeps": substeps,
-            "max_pedestrians": max_pedestrians,
-        }
-        for name, value in positive.items():
-            if not value > 0:
-                raise ValueError(f"{name} must be positive, got {value}")
-        self.num_worlds, self.robot, self.lidar = int(num_worlds), robot, lidar
-        self.time_step_s, self.substeps = float(time_step_s), int(substeps)
-        self.max_pedestrians = int(max_pedestrians)
-        self.device = torch.device("cpu")
-        self._substep_s = self.time_step_s / self.substeps
+        super().__init__(
+            num_worlds,
+            robot,
+            lidar,
+            time_step_s,
+            substeps,
+            max_pedestrians,
+            pedestrians,
+            delays,
+        )
         real, whole = {"dtype": torch.float64}, {"dtype": torch.int64}
         self._rows = {
             "pose": torch.full((self.num_worlds, 3), torch.nan, **real),  # NaN until a reset
-            "velocity": torch.zeros(self.num_worlds, 2, **real),
+            "velocity": torch.zeros(self.num_worlds, robot.command_size, **real),
             "tick": torch.zeros(self.num_worlds, **whole),  # substeps since the reset
             "contact": torch.zeros(self.num_worlds, **whole),
         }
+        if self.pedestrians.is_reactive:  # else the tick says where they are
+            shape = (self.num_worlds, self.max_pedestrians, 5)
+            self._rows["boxes"] = torch.full(shape, torch.nan, **real)
         self._rests = torch.zeros(self.num_worlds, dtype=torch.bool)
         self._scans = torch.empty(self.num_worlds, lidar.num_beams)
         self._is_scanned = torch.zeros(self.num_worlds, dtype=torch.bool)  # and is still there
@@ -124,6 +121,12 @@ class BulletSimulator(Simulator):
             self._rows[name][worlds] = 0
         self._rests[worlds] = False
         self._is_scanned[worlds] = False
+        if self.pedestrians.is_reactive:
+            self._rows["boxes"][worlds] = self._scripted(0, 1)[worlds, 0]
+            self.pedestrians.reset(worlds, seated(scenarios, self.max_pedestrians))
+        self.commands.reset(worlds)
+        if self.scan_memory.is_used:
+            self.scan_memory.reset(worlds, {"pose": self._rows["pose"], "boxes": self._boxes()})
         self._build(worlds.tolist())
 
     def _build(self, worlds: list[int]) -> None:
@@ -135,7 +138,7 @@ class BulletSimulator(Simulator):
             for scene in self._scenes:
                 scene.forget()
             worlds = (~self._rows["pose"].isnan().any(-1)).nonzero().flatten().tolist()
-        boxes = self._pedestrians(0, 1)[:, 0].tolist()
+        boxes = self._boxes().tolist()
         with self._client.paused_drawing():
             for world in sorted(worlds, key=lambda world: world * GOLDEN_RATIO % 1.0):
                 self._scenes[world].build(self._scenarios.row(world))
@@ -143,41 +146,79 @@ class BulletSimulator(Simulator):
         if self._client.is_shown and 0 in worlds:
             self._scenes[0].show()
 
-    def _pedestrians(self, first: int, count: int) -> Tensor:
-        """Return [N, count, K, 5] boxes, from ``first`` substeps after each world's now."""
+    def _scripted(self, first: int, count: int) -> Tensor:
+        """Return [N, count, K, 5] boxes on their routes, from ``first`` substeps after now."""
         tick = self._rows["tick"][:, None] + torch.arange(first, first + count)
-        return self._scenarios.pedestrians(tick * self._substep_s)
+        return self._scenarios.pedestrians(tick * self.substep_s)
+
+    def _boxes(self) -> Tensor:
+        """Return [N, K, 5] float64, where the pedestrians are now; NaN rows are absent."""
+        return self._rows["boxes"] if self.pedestrians.is_reactive else self._scripted(0, 1)[:, 0]
 
     def step(self, command: Tensor) -> SimState:
         self._check_ready()
         self.check_command(command)
-        commands = command.detach().double().tolist()
-        tracks = self._pedestrians(1, self.substeps).tolist()
+        older, newer = (given.tolist() for given in self.commands.push(command.detach().double()))
         moves = (self._rows["contact"] == NONE) & ~self._rests
-        self._is_scanned[moves] = False
+        self._is_scanned &= ~moves & (not self.scan_memory.is_used)
+        tracks = self._tracks()
+        seen = self.scan_memory.next() if self.scan_memory.is_used else None
         for world in moves.nonzero().flatten().tolist():
-            self._drive(world, commands[world], tracks[world])
+            track = tracks[world].tolist()
+            driven, scanned_pose = self._drive(world, older[world], newer[world], track[1:])
+            if self.pedestrians.is_reactive:
+                self._rows["boxes"][world] = tracks[world, driven]
+            if seen is not None:
+                scanned = min(driven, self.scan_memory.scanned_substep)
+                seen["pose"][world] = torch.tensor(scanned_pose, dtype=torch.float64)
+                seen["boxes"][world] = tracks[world, scanned]
         return self.state()
+
+    def _tracks(self) -> Tensor:
+        """Return [N, S + 1, K, 5], the pedestrians at the step's start and after each substep."""
+        scripted = self._scripted(0, self.substeps + 1)
+        if not self.pedestrians.is_reactive:
+            return scripted
+        boxes = self._rows["boxes"]
+        legs = step_legs(boxes, self.pedestrians.targets(self.state(), self.time_step_s))
+        shares = torch.arange(self.substeps + 1, dtype=torch.float64) / self.substeps
+        return boxes_along(legs, boxes, scripted, shares)
 
     def rest(self, worlds: Tensor) -> None:
         self._rests = worlds.cpu().clone()
 
-    def _drive(self, world: int, command: list[float], track: list[list[list[float]]]) -> None:
-        """Advance one world by a step, or to its first contact."""
+    def _drive(
+        self, world: int, older: list[float], newer: list[float], track: list[list[list[float]]]
+    ) -> tuple[int, list[float]]:
+        """Advance one world by a step, or to its first contact.
+
+        Returns:
+            The number of substeps driven, and the pose at the time of this step's snapshot.
+        """
         rows, scene = self._rows, self._scenes[world]
         pose, velocity = rows["pose"][world].tolist(), rows["velocity"][world].tolist()
-        for boxes in track:
-            pose, velocity = self.robot.advance_one(pose, velocity, command, self._substep_s)
-            rows["tick"][world] += 1
+        first_speed, first_turn = self.commands.first_substeps
+        scanned_pose = driven = None
+        for index, boxes in enumerate(track):
+            if index == self.scan_memory.scanned_substep:
+                scanned_pose = pose
+            command = [
+                *(newer if index >= first_speed else older)[:1],
+                *(newer if index >= first_turn else older)[1:],
+            ]
+            pose, velocity = self.robot.advance_one(pose, velocity, command, self.substep_s)
+            driven = index + 1
             scene.place(pose, boxes)
-            contact = scene.contact(pose, velocity[0])
+            contact = scene.contact(pose, self.robot.travel_one(pose, velocity))
             if world == 0:
-                self._client.keep_pace(self._substep_s)
+                self._client.keep_pace(self.substep_s)
             if contact != NONE:
                 break
+        rows["tick"][world] += driven
         rows["pose"][world] = torch.tensor(pose, dtype=torch.float64)
         rows["velocity"][world] = torch.tensor(velocity, dtype=torch.float64)
         rows["contact"][world] = contact
+        return driven, pose if scanned_pose is None else scanned_pose
 
     def state(self) -> SimState:
         rows = self._rows
@@ -185,16 +226,15 @@ class BulletSimulator(Simulator):
             pose=rows["pose"].float(),
             velocity=rows["velocity"].float(),
             contact=rows["contact"].clone(),
-            pedestrians=self._pedestrians(0, 1)[:, 0].float(),
-            time_s=(rows["tick"] * self._substep_s).float(),
+            pedestrians=self._boxes().float(),  # a copy, since its dtype changes
+            time_s=(rows["tick"] * self.substep_s).float(),
         )
 
     def ranges(self, worlds: Tensor | None = None) -> Tensor:
         self._check_ready()
         chosen = torch.arange(self.num_worlds) if worlds is None else worlds
-        poses = self._rows["pose"].tolist()
         for world in chosen[~self._is_scanned[chosen]].tolist():
-            self._scans[world] = torch.from_numpy(self._scenes[world].scan(poses[world]))
+            self._scans[world] = torch.from_numpy(self._scan(world))
         self._is_scanned[chosen] = True
         return self._scans[chosen]  # a copy
 
@@ -202,6 +242,17 @@ class BulletSimulator(Simulator):
         self._check_ready()
         row = self._scenarios.row(world)
         return row["boxes"][: int(row["num_boxes"])].clone()
+
+    def _scan(self, world: int) -> np.ndarray:
+        """Return what one world's lidar reports, which may show an earlier time."""
+        scene, pose = self._scenes[world], self._rows["pose"][world].tolist()
+        if not self.scan_memory.is_used:
+            return scene.scan(pose)
+        seen = {name: rows[world].tolist() for name, rows in self.scan_memory.oldest.items()}
+        scene.place(seen["pose"], seen["boxes"])
+        ranges = scene.scan(seen["pose"])
+        scene.place(pose, self._boxes()[world].tolist())
+        return ranges
 
     def render(self, world: int = 0, width: int = 640, height: int = 480) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of a world from above; needs no display.
@@ -214,7 +265,7 @@ class BulletSimulator(Simulator):
 
     def state_dict(self) -> dict[str, Tensor]:
         rows = {name: rows.clone() for name, rows in self._rows.items()}
-        return rows | self._scenarios.state_dict()
+        return rows | self._scenarios.state_dict() | self.clock_state()
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         self._check_open()
@@ -224,6 +275,7 @@ class BulletSimulator(Simulator):
                 raise ValueError(f"state[{name!r}] must be {list(rows.shape)}, got {got}")
         self._scenarios.load_state_dict(state)
         self._rows = {name: state[name].to(rows.dtype).clone() for name, rows in self._rows.items()}
+        self.load_clock_state(state)
         self._rests.zero_()
         self._is_scanned.zero_()
         self._build(list(range(self.num_worlds)))
@@ -251,55 +303,3 @@ class BulletSimulator(Simulator):
     def __del__(self) -> None:
         with contextlib.suppress(Exception):  # when the interpreter ends, modules may be gone
             self.close()
-
-
-class Client:
-    """A connection to PyBullet: ``client.f(...)`` is ``pybullet.f(..., physicsClientId=...)``.
-
-    Args:
-        is_shown: whether to open a window.
-
-    Raises:
-        RuntimeError: no display, or no more clients.
-    """
-
-    def __init__(self, is_shown: bool) -> None:
-        if is_shown:
-            require_display()
-        self.is_shown, self._due = is_shown, 0.0
-        try:
-            self._id = pybullet.connect(pybullet.GUI if is_shown else pybullet.DIRECT)
-        except pybullet.error as error:
-            raise RuntimeError(f"PyBullet gives no client: {error}") from error
-        if self._id < 0:
-            raise RuntimeError("PyBullet gives no client: too many are open in this process")
-        if is_shown:
-            self.configureDebugVisualizer(pybullet.COV_ENABLE_GUI, 0)
-
-    def __getattr__(self, name: str) -> Any:
-        value = getattr(pybullet, name)
-        if callable(value):
-            value = functools.partial(value, physicsClientId=self._id)
-        setattr(self, name, value)
-        return value
-
-    @contextlib.contextmanager
-    def paused_drawing(self):
-        """Keep the window still while bodies are made."""
-        if self.is_shown:
-            self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 0)
-        yield
-        if self.is_shown:
-            self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1)
-
-    def keep_pace(self, duration: float) -> None:
-        """Wait until ``duration`` s after the last call, if somebody watches."""
-        if self.is_shown:
-            now = time.monotonic()
-            self._due = max(self._due + duration, now - duration)
-            time.sleep(max(self._due - now, 0.0))
-
-    def close(self) -> None:
-        """Disconnect, which frees all of the client's memory."""
-        if pybullet.isConnected(self._id):
-            pybullet.disconnect(self._id)

@@ -11,10 +11,10 @@ from torch import Tensor
 from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, blame
 from navrl.ops.raycast import beam_directions
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import DifferentialDrive
+from navrl.sim.robot import RobotModel
 
 if TYPE_CHECKING:
-    from navrl.sim.bullet import Client
+    from navrl.sim.bullet_client import Client
 
 WALL_HEIGHT = 1.2  # m; both heights grow if the lidar scans above them
 PEDESTRIAN_HEIGHT = 1.0  # m; lower than walls, so that a ray from above meets a wall first
@@ -53,9 +53,7 @@ class Scene:
         floor: height of this storey, m.
     """
 
-    def __init__(
-        self, client: Client, robot: DifferentialDrive, lidar: Lidar, floor: float
-    ) -> None:
+    def __init__(self, client: Client, robot: RobotModel, lidar: Lidar, floor: float) -> None:
         self._client, self._floor = client, floor
         self._radius, self._lidar = robot.radius, lidar
         self._wall_height = max(WALL_HEIGHT, lidar.height + HEADROOM)
@@ -154,9 +152,12 @@ class Scene:
         for body, box in zip(self._pedestrians, boxes, strict=False):  # absent ones come last
             self._move(body, box[0], box[1], middle, box[4])
 
-    def contact(self, pose: list[float], v: float) -> int:
-        """Return the code of what the robot at (x, y, yaw), driving at v m/s, touches."""
-        x, y, yaw = pose
+    def contact(self, pose: list[float], travel: tuple[float, float]) -> int:
+        """Return the code of what the robot at (x, y, yaw) touches.
+
+        ``travel`` is its direction, world, rad, and the speed along it, m/s.
+        """
+        (x, y, _), (heading, speed) = pose, travel
         reach, z = self._radius + REACH, self._scan_height
         near = self._client.getOverlappingObjects(
             (x - reach, y - reach, z), (x + reach, y + reach, z)
@@ -171,7 +172,7 @@ class Scene:
             if body not in self._pedestrians:
                 return STATIC
             if result != PEDESTRIAN:
-                result = blame(x, y, math.cos(yaw), math.sin(yaw), v, *point)
+                result = blame(x, y, math.cos(heading), math.sin(heading), speed, *point)
         return result
 
     def _touched_point(self, body: int) -> tuple[float, float] | None:

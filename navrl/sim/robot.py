@@ -1,6 +1,8 @@
-"""The robot: a disc on two wheels, and what its drive can do."""
+"""Robot bases: footprint, command limits, and how a command moves them."""
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -10,7 +12,83 @@ from navrl.ops.unicycle import advance_pose, advance_poses, approach_velocity
 MODELS = ("kinematic", "wheeled")
 
 
-class DifferentialDrive:
+class RobotModel(ABC):
+    """A base with a disc-shaped hull: what it is commanded, and where a command takes it.
+
+    Simulators, environment, runner and controllers know a base by this interface. A subclass
+    implements :attr:`command_limits` and :meth:`advance`; a base that can move sideways implements
+    :meth:`travel` too. State (pose, velocity) is held by the simulator; the object holds parameters
+    only. The velocity has the components of the command.
+
+    Attributes:
+        radius: of the hull, m.
+    """
+
+    radius: float
+
+    @property
+    @abstractmethod
+    def command_limits(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Smallest and largest command, C numbers each, e.g. (v, w) in m/s and rad/s."""
+
+    @abstractmethod
+    def advance(
+        self, pose: Tensor, velocity: Tensor, command: Tensor, duration: float
+    ) -> tuple[Tensor, Tensor]:
+        """Drive for one substep.
+
+        Args:
+            pose: [*B, 3] float64 (x, y, yaw), world, m and rad.
+            velocity: [*B, C] of the substep before, in the components of the command.
+            command: [*B, C], clipped to the limits by the model.
+            duration: s.
+
+        Returns:
+            Pose [*B, 3] and velocity [*B, C] after the substep.
+        """
+
+    def advance_one(
+        self,
+        pose: tuple[float, float, float],
+        velocity: tuple[float, ...],
+        command: tuple[float, ...],
+        duration: float,
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """:meth:`advance` for one robot in plain numbers."""
+        row = (torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command))
+        pose_after, velocity_after = self.advance(*row, duration)
+        return tuple(pose_after[0].tolist()), tuple(velocity_after[0].tolist())
+
+    def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the direction of travel [*B], world, rad, and the speed along it [*B], m/s.
+
+        They classify contacts: the robot is at fault for what lies on the side that it drives to.
+        """
+        return pose[..., 2], velocity[..., 0]
+
+    def travel_one(self, pose: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
+        """:meth:`travel` for one robot in plain numbers."""
+        row = (torch.tensor(value, dtype=torch.float64) for value in (pose, velocity))
+        heading, speed = self.travel(*row)
+        return float(heading), float(speed)
+
+    @property
+    def command_size(self) -> int:
+        """Number C of components of a command."""
+        return len(self.command_limits[0])
+
+    def bounds(self, device: torch.device | str = "cpu") -> tuple[Tensor, Tensor]:
+        """Return the smallest and the largest command, float32 [C] each."""
+        low, high = self.command_limits
+        return torch.tensor(low, device=device), torch.tensor(high, device=device)
+
+    def clip(self, command: Tensor) -> Tensor:
+        """Return the command [*B, C] within the limits, in its own dtype."""
+        low, high = (torch.tensor(limit).to(command) for limit in self.command_limits)
+        return command.clamp(low, high)
+
+
+class DifferentialDrive(RobotModel):
     """Two driven wheels under a disc-shaped hull, commanded by (v, w).
 
     ``kinematic`` obeys a command at once, as the paper's simulation does. In ``wheeled`` the wheel
@@ -78,17 +156,6 @@ class DifferentialDrive:
         """Smallest and largest command, each (v, w) in m/s and rad/s."""
         return (self.min_speed, -self.max_turn_rate), (self.max_speed, self.max_turn_rate)
 
-    def clip(self, command: Tensor) -> Tensor:
-        """Return the command [*B, 2] (v, w) within the robot's limits."""
-        v, w = command.unbind(-1)
-        return torch.stack(
-            (
-                v.clamp(self.min_speed, self.max_speed),
-                w.clamp(-self.max_turn_rate, self.max_turn_rate),
-            ),
-            dim=-1,
-        )
-
     def wheel_speeds(self, velocity: Tensor) -> Tensor:
         """Return the rim speeds [*B, 2] (left, right), m/s, of a hull moving at (v, w) [*B, 2]."""
         v, w = velocity.unbind(-1)
@@ -130,7 +197,7 @@ class DifferentialDrive:
         command: tuple[float, float],
         duration: float,
     ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-        """:meth:`advance` for one robot in plain numbers: no tensors, a few microseconds."""
+        """:meth:`advance` without tensors, a few microseconds."""
         v = min(max(command[0], self.min_speed), self.max_speed)
         w = min(max(command[1], -self.max_turn_rate), self.max_turn_rate)
         if self.model == "wheeled":
@@ -138,3 +205,6 @@ class DifferentialDrive:
                 *velocity, v, w, self.wheel_separation, self.wheel_acceleration * duration
             )
         return advance_pose(*pose, v, w, duration), (v, w)
+
+    def travel_one(self, pose: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
+        return pose[2], velocity[0]

@@ -27,7 +27,7 @@ class ScenarioRows:
 
     def put(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Write scenario ``i`` into row ``worlds[i]``."""
-        scenarios = _seated(scenarios, self._max_pedestrians)
+        scenarios = seated(scenarios, self._max_pedestrians)
         if self._batch is None:
             self._batch = scenarios[torch.zeros(self._num_worlds, dtype=torch.int64)]
         width = max(self._batch.boxes.shape[1], scenarios.boxes.shape[1])
@@ -83,8 +83,8 @@ class ScenarioRows:
         self._batch = ScenarioBatch.from_tensors(tensors)
 
 
-def _seated(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
-    """Move those present to the front, in their order, and make it K rows for pedestrians."""
+def seated(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
+    """Move present pedestrians to the front, in their order, in K rows."""
     order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)[:, :max_pedestrians]
     row, count = torch.arange(len(scenarios))[:, None], order.shape[1]
     tensors = scenarios.tensors()

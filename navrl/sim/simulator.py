@@ -8,16 +8,17 @@ give the same episode on both.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from navrl.ops import contact
+from navrl.ops.backend import find_device
+from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
+from navrl.sim.delays import CommandQueue, Delays, ScanMemory
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import DifferentialDrive
+from navrl.sim.robot import RobotModel
+from navrl.sim.state import SimState
 
 if TYPE_CHECKING:
     from navrl.worlds import ScenarioBatch
@@ -26,66 +27,61 @@ if TYPE_CHECKING:
 FARTHEST_M = 10_000.0  # m from the origin, where a float32 pose is still exact to 1 mm
 
 
-class Contact(IntEnum):
-    """What the robot touches, told apart because a robot is not to blame for every contact.
-
-    Decided at the first substep at which the robot's disc reaches a box (distance <= 0). A wall
-    wins over a pedestrian touched in the same substep. A pedestrian contact is ``RUN_INTO`` unless
-    the robot drives faster than :data:`navrl.ops.contact.MOVING_SPEED` and the pedestrian's nearest
-    point lies on the side that it drives towards: then it is ``PEDESTRIAN``. Among several
-    pedestrians touched in the same substep, ``PEDESTRIAN`` wins over ``RUN_INTO``.
-    """
-
-    NONE = contact.NONE
-    STATIC = contact.STATIC  # the robot touched a wall or a piece of furniture
-    PEDESTRIAN = contact.PEDESTRIAN  # the robot moved into a pedestrian, walking or standing
-    RUN_INTO = contact.RUN_INTO  # a pedestrian moved into the robot
-
-
-@dataclass
-class SimState:
-    """The true state of every world after a step: fresh tensors, never views of the simulator.
-
-    Args:
-        pose: [N, 3] float32 (x, y, yaw) of the robot, world; yaw in (-pi, pi].
-        velocity: [N, 2] float32 (v, w) driven at the end of the last step, m/s and rad/s.
-        contact: [N] int64 codes of :class:`Contact`.
-        pedestrians: [N, K, 5] float32 (cx, cy, hx, hy, yaw), world; NaN rows where absent.
-        time_s: [N] float32, time since the world's reset; stands still after a contact.
-    """
-
-    pose: Tensor
-    velocity: Tensor
-    contact: Tensor
-    pedestrians: Tensor
-    time_s: Tensor
-
-
 class Simulator(ABC):
     """N independent worlds, each with one robot, walls and pedestrians on fixed routes.
 
     A step lasts ``time_step_s`` and is cut into ``substeps``. At each substep the robot and the
     pedestrians are moved to the new time, then contacts are looked for; a world freezes at its
     first contact (pose, pedestrians and clock) and stays frozen, reporting that contact, until it
-    is reset. Pedestrians follow their routes in closed form of time, whatever the robot does.
+    is reset. Without a reactive model, pedestrians follow their routes in closed form of time.
 
-    Attributes:
+    Args:
         num_worlds: N.
-        robot: the drive and its limits.
+        robot: the base: hull, command limits, motion.
         lidar: the beams; its noise is the environment's business, :meth:`ranges` has none.
         time_step_s: duration of one :meth:`step`, s.
         substeps: contact checks a step.
         max_pedestrians: K, rows of :attr:`SimState.pedestrians` whatever the scenarios hold.
-        device: where the outputs live.
+        pedestrians: where pedestrians walk; their scenario's routes if None.
+        delays: ages of scans and commands, whole numbers of substeps; none if None.
+        device: where the outputs are stored.
+
+    Raises:
+        ValueError: a value is not positive, a delay is no multiple of the substep, or something is
+            missing for ``device``.
     """
 
-    num_worlds: int
-    robot: DifferentialDrive
-    lidar: Lidar
-    time_step_s: float
-    substeps: int
-    max_pedestrians: int
-    device: torch.device
+    def __init__(
+        self,
+        num_worlds: int,
+        robot: RobotModel,
+        lidar: Lidar,
+        time_step_s: float,
+        substeps: int,
+        max_pedestrians: int,
+        pedestrians: PedestrianModel | None,
+        delays: Delays | None,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        positive = {
+            "num_worlds": num_worlds,
+            "time_step_s": time_step_s,
+            "substeps": substeps,
+            "max_pedestrians": max_pedestrians,
+        }
+        for name, value in positive.items():
+            if not value > 0:
+                raise ValueError(f"{name} must be positive, got {value}")
+        self.num_worlds, self.max_pedestrians = int(num_worlds), int(max_pedestrians)
+        self.time_step_s, self.substeps = float(time_step_s), int(substeps)
+        self.substep_s = self.time_step_s / self.substeps
+        self.robot, self.lidar = robot, lidar
+        self.pedestrians = ScriptedRoutes() if pedestrians is None else pedestrians
+        self.device = find_device(device)
+        delays = Delays() if delays is None else delays
+        clock = (delays, self.substeps, self.substep_s)
+        self.commands = CommandQueue(self.num_worlds, robot.command_size, *clock, self.device)
+        self.scan_memory = ScanMemory(*clock)
 
     @abstractmethod
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
@@ -107,7 +103,8 @@ class Simulator(ABC):
         """Drive every robot for ``time_step_s``.
 
         Args:
-            command: [N, 2] (v, w) in m/s and rad/s, clipped to the robot's limits.
+            command: [N, C] in the robot's components, e.g. (v, w) in m/s and rad/s; clipped to
+                its limits.
 
         Returns:
             The state after the step.
@@ -167,6 +164,31 @@ class Simulator(ABC):
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Continue from what :meth:`state_dict` returned, of a simulator built alike."""
 
+    def clock_state(self) -> dict[str, Tensor]:
+        """Return the part of :meth:`state_dict` that delays and pedestrian model need."""
+        state = {
+            f"pedestrians.{name}": rows for name, rows in self.pedestrians.state_dict().items()
+        }
+        if self.commands.pending.shape[1] > 0:
+            state["pending_commands"] = self.commands.pending.clone()
+        return state | self.scan_memory.state_dict()
+
+    def load_clock_state(self, state: dict[str, Tensor]) -> None:
+        """Restore what :meth:`clock_state` returned.
+
+        Raises:
+            ValueError: the delays differ.
+        """
+        pending = state.get("pending_commands", self.commands.pending)
+        if pending.shape != self.commands.pending.shape:
+            wanted, got = list(self.commands.pending.shape), list(pending.shape)
+            raise ValueError(f"state['pending_commands'] must be {wanted}, got {got}")
+        self.commands.pending = pending.to(self.device, torch.float64, copy=True)
+        self.scan_memory.load_state_dict(state, self.device)
+        prefix = "pedestrians."
+        own = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+        self.pedestrians.load_state_dict(own)
+
     def check_reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Raise what :meth:`reset` promises to raise."""
         if worlds.ndim != 1 or worlds.dtype != torch.int64:
@@ -214,12 +236,38 @@ class Simulator(ABC):
         Whether numbers are finite is looked at on the CPU only: a device would have to be waited
         for.
         """
-        if command.shape != (self.num_worlds, 2):
-            raise ValueError(f"command must be [{self.num_worlds}, 2], got {list(command.shape)}")
+        wanted = [self.num_worlds, self.robot.command_size]
+        if list(command.shape) != wanted:
+            raise ValueError(f"command must be {wanted}, got {list(command.shape)}")
         if command.device != self.device:
             raise ValueError(f"command must be on {self.device}, got {command.device}")
         if self.device.type == "cpu" and not bool(torch.isfinite(command).all()):
             raise ValueError("command must be finite, got NaN or infinity")
+
+    def trajectory(
+        self, pose: Tensor, velocity: Tensor, older: Tensor, newer: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Drive all robots for a step without obstacles, by :meth:`RobotModel.advance`.
+
+        Args:
+            pose: [N, 3] float64 (x, y, yaw), world.
+            velocity: [N, C] float64.
+            older: [N, C] float64, the command before the delays have passed.
+            newer: [N, C] float64, the command after.
+
+        Returns:
+            [N, S, 5] float64 (x, y, yaw, direction of travel, speed along it) after each substep,
+            and the velocities [N, S, C].
+        """
+        first = torch.tensor(self.commands.first_substeps, device=pose.device)
+        first = first[[0] + [1] * (self.robot.command_size - 1)]  # others go with the turn rate
+        points, velocities = [], []
+        for index in range(self.substeps):
+            command = torch.where(index >= first, newer, older)
+            pose, velocity = self.robot.advance(pose, velocity, command, self.substep_s)
+            points.append(torch.cat((pose, torch.stack(self.robot.travel(pose, velocity), -1)), -1))
+            velocities.append(velocity)
+        return torch.stack(points, dim=1), torch.stack(velocities, dim=1)
 
     def close(self) -> None:
         """Release what the simulator holds outside Python; a closed simulator is not used again."""

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 import pytest
 import torch
 from episodes import Drivers, sample
+from models import Fleeing, Omnidirectional
 
 from navrl.ops import se2
-from navrl.sim import BatchedSimulator, Contact, DifferentialDrive, Lidar
+from navrl.sim import BatchedSimulator, Contact, Delays, DifferentialDrive, Lidar
 from navrl.worlds import ScenarioBatch
 
 pytest.importorskip("pybullet")
@@ -67,6 +68,7 @@ def play_on_both(scenarios, robot=None, lidar=None, num_worlds=12, max_steps=40,
             compare_ranges(tally, fast, checked, playing)
             free = fast.state().contact == 0
             command = drivers.command(fast.state().pose, path)
+            command = torch.nn.functional.pad(command, (0, robot.command_size - 2))
             compare_states(tally, fast.step(command), checked.step(command))
             for contact in fast.state().contact[free].tolist():
                 tally.contacts[contact] += 1
@@ -104,14 +106,17 @@ def compare_ranges(tally, fast, checked, playing):
 def clearance_of_corners(simulator, scenario, world, beam, distance):
     """Return how far a beam passes from the nearest corner of a box up to ``distance``, m."""
     state, lidar = simulator.state(), simulator.lidar
+    pose, people = state.pose[world].double(), state.pedestrians[world].double()
+    if simulator.scan_memory.is_used:
+        pose, people = (simulator.scan_memory.oldest[name][world] for name in ("pose", "boxes"))
     walls = torch.tensor(scenario.boxes, dtype=torch.float64)
-    boxes = torch.cat((walls, state.pedestrians[world].double()))
+    boxes = torch.cat((walls, people))
     signs = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]).double()
     corners = signs * boxes[:, None, 2:4]  # [boxes, 4, 2], each in its box's frame
     corners = se2.transform_points(boxes[:, [0, 1, 4]], corners).flatten(0, 1)
     mount = torch.tensor([*lidar.mount], dtype=torch.float64)
     turn = torch.stack((torch.tensor(0.0), torch.tensor(0.0), lidar.beam_angles()[beam])).double()
-    ray = se2.compose(se2.compose(state.pose[world].double(), mount), turn)
+    ray = se2.compose(se2.compose(pose, mount), turn)
     along, across = se2.transform_points(se2.inverse(ray), corners).unbind(-1)
     met = (along > 0.0) & (along < distance + EDGE)
     return torch.where(met, across.abs(), torch.inf).min().item()
@@ -149,3 +154,20 @@ def test_same_with_another_robot_and_lidar():
     scenarios = [sample("clutter", 1000 + index) for index in range(16)]
     tally = play_on_both(scenarios, robot, lidar, time_step_s=0.1, substeps=4)
     assert sum(tally.contacts[1:]) > 4
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"robot": Omnidirectional()},
+        {"pedestrians": Fleeing()},
+        {"delays": Delays(scan_age_s=0.06, speed_delay_s=0.1, turn_rate_delay_s=0.24)},
+        {"delays": Delays(scan_age_s=0.3), "pedestrians": Fleeing(speed=1.0)},
+    ],
+    ids=["base", "pedestrians", "delays", "delays and pedestrians"],
+)
+def test_same_with_other_models(options):
+    scenarios = [sample(kind, 40 + index) for kind in KINDS for index in range(4)]
+    tally = play_on_both(scenarios, max_steps=25, **options)
+    assert sum(tally.contacts[1:]) > 2
+    assert tally.differing <= 5e-4 * tally.beams

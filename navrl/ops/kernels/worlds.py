@@ -11,7 +11,11 @@ walls      [N, W, 6]   cx, cy, hx, hy, cos, sin; the first num_walls[n] rows cou
 route      [N, K, R, 2] polyline each pedestrian walks back and forth
 route_arc  [N, K, R]   arc length at its points, padded with the total
 walk       [N, K, 4]   speed, starting arc position, hx, hy; NaN speed where absent
+legs       [N, K, 5]   x, y at the step's start and end, yaw; NaN rows follow their route
 boxes      [N, K, 5]   where the pedestrians are now; NaN rows where absent
+late       [N, 2]      command that holds until the new one takes effect
+track      [N, S, 5]   x, y, yaw, direction and speed of travel after each substep, or unused
+seen_pose, seen_boxes  pose and boxes at the time of the next scan, where it is older than now
 ========== =========== =============================================================
 """
 
@@ -23,6 +27,12 @@ from navrl.ops import contact as contacts
 from navrl.ops import unicycle
 from navrl.ops.contact import NONE, RUN_INTO, STATIC
 from navrl.ops.kernels.compiler import kernel, scalar
+from navrl.ops.kernels.pedestrians import (
+    distance,
+    list_near_pedestrians,
+    place_pedestrian,
+    place_pedestrians,
+)
 from navrl.ops.kernels.rays import cast_box
 
 advance_pose = scalar(unicycle.advance_pose)
@@ -34,36 +44,11 @@ _SLACK = 1e-6  # m, so that rounding never culls a box that is touched
 
 
 @scalar
-def place_pedestrian(box, route, arc, walk, time_s):
-    """Write where a pedestrian is at a time: a triangle wave along its route's arc length."""
-    speed = walk[0]
-    if math.isnan(speed):
-        box[:] = np.nan
-        return
-    length = arc[-1]
-    along, forward = 0.0, True
-    if length > 0.0:
-        along = (walk[1] + speed * time_s) % (2.0 * length)
-        forward = along <= length
-        if not forward:
-            along = 2.0 * length - along
-    segment = 0
-    while segment < arc.shape[0] - 2 and arc[segment + 1] < along:
-        segment += 1
-    ax, ay = route[segment]
-    dx, dy = route[segment + 1, 0] - ax, route[segment + 1, 1] - ay
-    span = arc[segment + 1] - arc[segment]
-    share = (along - arc[segment]) / span if span > 0.0 else 0.0
-    box[0], box[1] = ax + share * dx, ay + share * dy
-    box[2], box[3] = walk[2], walk[3]
-    box[4] = 0.0  # who stands faces along x
-    if speed > 0.0 and span > 0.0:
-        box[4] = math.atan2(dy, dx) if forward else math.atan2(-dy, -dx)
-
-
-@scalar
-def distance(dx, dy):
-    return math.sqrt(dx * dx + dy * dy)  # several times faster than hypot
+def see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index):
+    """Note where everything is, ``index`` substeps after a step's start, for an older scan."""
+    seen_pose[0], seen_pose[1], seen_pose[2] = x, y, yaw
+    time_s = (first_tick + index) * timing[0]
+    place_pedestrians(seen_boxes, route, arc, walk, legs, time_s, index / timing[1])
 
 
 @scalar
@@ -84,14 +69,17 @@ def touched_wall(x, y, radius, walls, near, num_near):
 
 
 @scalar
-def touched_pedestrian(x, y, yaw, v, radius, boxes, near, num_near):
-    """Return NONE, PEDESTRIAN or RUN_INTO for the pedestrians listed in ``near``."""
+def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
+    """Return NONE, PEDESTRIAN or RUN_INTO for the pedestrians listed in ``near``.
+
+    The disc at (x, y) travels in direction ``heading``, world, at ``speed``.
+    """
     result = NONE
     for index in range(num_near):
         cx, cy, hx, hy, turn = boxes[near[index]]
         px, py = nearest_point_on_box(x, y, cx, cy, hx, hy, math.cos(turn), math.sin(turn))
         if distance(px - x, py - y) <= radius:
-            verdict = blame(x, y, math.cos(yaw), math.sin(yaw), v, px, py)
+            verdict = blame(x, y, math.cos(heading), math.sin(heading), speed, px, py)
             if result in (NONE, RUN_INTO):
                 result = verdict
     return result
@@ -110,100 +98,117 @@ def list_near_walls(x, y, reach, walls, num_walls, near):
 
 
 @scalar
-def list_near_pedestrians(x, y, reach, boxes, walk, duration, near):
-    """Write the indices of pedestrians that may come within ``reach``; return how many."""
-    count = 0
-    for pedestrian in range(boxes.shape[0]):
-        cx, cy, hx, hy, turn = boxes[pedestrian]
-        if math.isnan(turn):
-            continue
-        extent = distance(hx, hy) + walk[pedestrian, 0] * duration
-        if distance(cx - x, cy - y) <= reach + extent:
-            near[count] = pedestrian
-            count += 1
-    return count
+def farthest(track):
+    """Return the largest distance of a track's points from its first one, m."""
+    most = 0.0
+    for index in range(1, track.shape[0]):
+        most = max(most, distance(track[index, 0] - track[0, 0], track[index, 1] - track[0, 1]))
+    return most
+
+
+@scalar
+def reach_of(pose, velocity, late, command, track, drive, timing):
+    """Return how far the hull's edge may get from the pose within a step, m."""
+    radius, is_tracked, _, _, slowest, fastest, _ = drive
+    if is_tracked:
+        first = distance(track[0, 0] - pose[0], track[0, 1] - pose[1])
+        return radius + first + farthest(track) + _SLACK
+    wanted = max(
+        abs(limited(late[0], slowest, fastest)), abs(limited(command[0], slowest, fastest))
+    )
+    return radius + timing[0] * timing[1] * max(abs(velocity[0]), wanted) + _SLACK
+
+
+@scalar
+def limited(value, low, high):
+    return min(max(value, low), high)
+
+
+@scalar
+def drive_substep(x, y, yaw, v, w, index, late, command, drive, timing):
+    """Return pose and velocity after substep ``index`` of a step by a differential drive."""
+    _, _, separation, acceleration, slowest, fastest, turn_limit = drive
+    duration, _, first_v, first_w, _ = timing
+    v_wanted = limited(command[0] if index >= first_v else late[0], slowest, fastest)
+    w_wanted = limited(command[1] if index >= first_w else late[1], -turn_limit, turn_limit)
+    if acceleration == np.inf:
+        v, w = v_wanted, w_wanted
+    else:
+        v, w = approach_velocity(v, w, v_wanted, w_wanted, separation, acceleration * duration)
+    x, y, yaw = advance_pose(x, y, yaw, v, w, duration)
+    return x, y, yaw, v, w
 
 
 @scalar
 def step_world(
-    pose, velocity, tick, command, drive, timing, walls, num_walls, route, arc, walk, boxes, near
-):
+    pose, velocity, tick, late, command, track, drive, timing, walls, num_walls,
+    route, arc, walk, legs, boxes, near, seen_pose, seen_boxes,
+):  # fmt: skip
     """Advance one world to its next step or first contact; return (tick, contact).
 
-    ``drive`` is (radius, wheel separation, wheel acceleration, min v, max v, max w) and ``timing``
-    (substep duration, substeps).
+    ``drive`` is (radius, whether ``track`` holds the motion, wheel separation, wheel acceleration,
+    min v, max v, max w) and ``timing`` (substep duration, substeps, first substep of the new v, of
+    the new w, substep before which the lidar scans).
     """
-    radius, separation, acceleration, slowest, fastest, turn_limit = drive
-    duration, substeps = timing
+    (radius, is_tracked, _, _, _, _, _), (duration, substeps, _, _, scanned) = drive, timing
     x, y, yaw = pose
-    v, w = velocity
-    v_wanted = min(max(command[0], slowest), fastest)
-    w_wanted = min(max(command[1], -turn_limit), turn_limit)
-    step_s = duration * substeps
-    reach = radius + step_s * max(abs(v), abs(v_wanted)) + _SLACK
+    v, w = velocity[0], velocity[1]
+    reach = reach_of(pose, velocity, late, command, track, drive, timing)
     num_near = list_near_walls(x, y, reach, walls, num_walls, near)
-    near_pedestrians = near[num_near:]
-    num_pedestrians = list_near_pedestrians(x, y, reach, boxes, walk, step_s, near_pedestrians)
-    result = NONE
-    for _ in range(substeps):
-        if acceleration == np.inf:
-            v, w = v_wanted, w_wanted
+    crowd = near[num_near:]
+    num_crowd = list_near_pedestrians(x, y, reach, boxes, walk, legs, duration * substeps, crowd)
+    result, index, first_tick = NONE, 0, tick
+    while index < substeps and result == NONE:
+        if index == scanned:
+            see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index)
+        if is_tracked:
+            x, y, yaw, heading, speed = track[index]
         else:
-            v, w = approach_velocity(v, w, v_wanted, w_wanted, separation, acceleration * duration)
-        x, y, yaw = advance_pose(x, y, yaw, v, w, duration)
+            x, y, yaw, v, w = drive_substep(x, y, yaw, v, w, index, late, command, drive, timing)
+            heading, speed = yaw, v
+        index += 1
         tick += 1
-        for index in range(num_pedestrians):
-            pedestrian = near_pedestrians[index]
+        for number in range(num_crowd):
+            k = crowd[number]
             place_pedestrian(
-                boxes[pedestrian],
-                route[pedestrian],
-                arc[pedestrian],
-                walk[pedestrian],
-                tick * duration,
+                boxes[k], route[k], arc[k], walk[k], legs[k], tick * duration, index / substeps
             )
         if touched_wall(x, y, radius, walls, near, num_near):
             result = STATIC
         else:
-            result = touched_pedestrian(
-                x, y, yaw, v, radius, boxes, near_pedestrians, num_pedestrians
-            )
-        if result != NONE:
-            break
+            result = touched_pedestrian(x, y, heading, speed, radius, boxes, crowd, num_crowd)
+    if index <= scanned < substeps:  # a contact came first
+        see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index)
+    place_pedestrians(boxes, route, arc, walk, legs, tick * duration, index / substeps)
     pose[0], pose[1], pose[2] = x, y, yaw
-    velocity[0], velocity[1] = v, w
+    if not is_tracked:
+        velocity[0], velocity[1] = v, w
     return tick, result
 
 
 @kernel
 def step_worlds_kernel(
-    rows, pose, velocity, tick, contact, command, drive, timing,
-    walls, num_walls, route, route_arc, walk, boxes, near,
+    rows, pose, velocity, tick, contact, late, command, track, drive, timing, walls, num_walls,
+    route, route_arc, walk, legs, boxes, near, seen_pose, seen_boxes,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     for n in range(rows[0], rows[1]):
         if contact[n] == NONE:
             tick[n], contact[n] = step_world(
-                pose[n], velocity[n], tick[n], command[n], drive, timing,
-                walls[n], num_walls[n], route[n], route_arc[n], walk[n], boxes[n], near[n],
+                pose[n], velocity[n], tick[n], late[n], command[n], track[n], drive, timing,
+                walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
+                seen_pose[n], seen_boxes[n],
             )  # fmt: skip
-            place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * timing[0])
-
-
-@scalar
-def place_pedestrians(boxes, route, arc, walk, time_s):
-    """Write where all pedestrians of a world are."""
-    for pedestrian in range(boxes.shape[0]):
-        place_pedestrian(
-            boxes[pedestrian], route[pedestrian], arc[pedestrian], walk[pedestrian], time_s
-        )
 
 
 @kernel
-def place_pedestrians_kernel(rows, worlds, boxes, route, route_arc, walk, tick, duration):
+def place_pedestrians_kernel(rows, worlds, boxes, route, route_arc, walk, legs, tick, duration):
     """Place the pedestrians of the listed worlds at their current time."""
     for index in range(rows[0], rows[1]):
         n = worlds[index]
-        place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * duration)
+        place_pedestrians(
+            boxes[n], route[n], route_arc[n], walk[n], legs[n], tick[n] * duration, 0.0
+        )
 
 
 @scalar

@@ -7,32 +7,35 @@ from numba import cuda, float64, int32
 from navrl.ops.contact import NONE
 from navrl.ops.kernels.cuda.launch import block_per_row, thread_per_row
 from navrl.ops.kernels.cuda.rays import THREADS, cast_faces, fill
+from navrl.ops.kernels.pedestrians import place_pedestrians
 from navrl.ops.kernels.rays import find_faces
-from navrl.ops.kernels.worlds import place_pedestrians, place_scanner, step_world
+from navrl.ops.kernels.worlds import place_scanner, step_world
 
 
 @thread_per_row
 def step_worlds_kernel(
-    pose, velocity, tick, contact, command, drive, timing,
-    walls, num_walls, route, route_arc, walk, boxes, near,
+    pose, velocity, tick, contact, late, command, track, drive, timing, walls, num_walls,
+    route, route_arc, walk, legs, boxes, near, seen_pose, seen_boxes,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     n = cuda.grid(1)
     if n < pose.shape[0] and contact[n] == NONE:
         tick[n], contact[n] = step_world(
-            pose[n], velocity[n], tick[n], command[n], drive, timing,
-            walls[n], num_walls[n], route[n], route_arc[n], walk[n], boxes[n], near[n],
+            pose[n], velocity[n], tick[n], late[n], command[n], track[n], drive, timing,
+            walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
+            seen_pose[n], seen_boxes[n],
         )  # fmt: skip
-        place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * timing[0])
 
 
 @thread_per_row
-def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, tick, duration):
+def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, legs, tick, duration):
     """Place the pedestrians of the listed worlds at their current time."""
     index = cuda.grid(1)
     if index < worlds.shape[0]:
         n = worlds[index]
-        place_pedestrians(boxes[n], route[n], route_arc[n], walk[n], tick[n] * duration)
+        place_pedestrians(
+            boxes[n], route[n], route_arc[n], walk[n], legs[n], tick[n] * duration, 0.0
+        )
 
 
 @block_per_row(THREADS)

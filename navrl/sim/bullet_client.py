@@ -1,0 +1,68 @@
+"""One connection to PyBullet."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import time
+
+from navrl.sim.display import require_display
+
+try:
+    import pybullet
+except ImportError as error:
+    raise ImportError(
+        "BulletSimulator needs PyBullet, which is not installed: pip install pybullet"
+    ) from error
+
+
+class Client:
+    """A connection to PyBullet: ``client.f(...)`` is ``pybullet.f(..., physicsClientId=...)``.
+
+    Args:
+        is_shown: whether to open a window.
+
+    Raises:
+        RuntimeError: no display, or no more clients.
+    """
+
+    def __init__(self, is_shown: bool) -> None:
+        if is_shown:
+            require_display()
+        self.is_shown, self._due = is_shown, 0.0
+        try:
+            self._id = pybullet.connect(pybullet.GUI if is_shown else pybullet.DIRECT)
+        except pybullet.error as error:
+            raise RuntimeError(f"PyBullet gives no client: {error}") from error
+        if self._id < 0:
+            raise RuntimeError("PyBullet gives no client: too many are open in this process")
+        if is_shown:
+            self.configureDebugVisualizer(pybullet.COV_ENABLE_GUI, 0)
+
+    def __getattr__(self, name: str):
+        value = getattr(pybullet, name)
+        if callable(value):
+            value = functools.partial(value, physicsClientId=self._id)
+        setattr(self, name, value)
+        return value
+
+    @contextlib.contextmanager
+    def paused_drawing(self):
+        """Keep the window still while bodies are made."""
+        if self.is_shown:
+            self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 0)
+        yield
+        if self.is_shown:
+            self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1)
+
+    def keep_pace(self, duration: float) -> None:
+        """Wait until ``duration`` s after the last call, if somebody watches."""
+        if self.is_shown:
+            now = time.monotonic()
+            self._due = max(self._due + duration, now - duration)
+            time.sleep(max(self._due - now, 0.0))
+
+    def close(self) -> None:
+        """Disconnect, which frees all of the client's memory."""
+        if pybullet.isConnected(self._id):
+            pybullet.disconnect(self._id)
