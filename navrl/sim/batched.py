@@ -113,7 +113,9 @@ class BatchedSimulator(Simulator):
             "boxes": torch.full((n, k, 5), torch.nan, **real),
         }
         self._legs = torch.full((n, k, 5), torch.nan, **real)  # of the present step
-        self._track = torch.zeros(n, 1, 5, **real)  # unused by a compiled drive
+        # What a kernel takes and does not use, without another model or delays:
+        self._track = torch.zeros(n, 1, 5, **real)
+        self._unseen = {"pose": torch.zeros(n, 3, **real), "boxes": torch.zeros(n, k, 5, **real)}
         self._is_ready = False
         self._all_finite = torch.ones((), dtype=torch.bool, device=self.device)
         self._make_scratch()
@@ -207,7 +209,7 @@ class BatchedSimulator(Simulator):
             motion = (rows["pose"], rows["velocity"], older, newer)
             self._track, velocities = self.trajectory(*motion)
         before = rows["tick"].clone() if velocities is not None else None
-        seen = self.scan_memory.next() if self.scan_memory.is_used else self._scene
+        seen = self.scan_memory.next() if self.scan_memory.is_used else self._unseen
         step_worlds_kernel(
             *(rows[name] for name in ("pose", "velocity", "tick", "contact")),
             older,

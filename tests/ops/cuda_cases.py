@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from models import Fleeing, Omnidirectional
 from rooms import sample_scan_pairs
 from scenes import pack, random_scene, scene, walker
 
@@ -19,7 +20,7 @@ from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.path import point_at, project_onto_path
 from navrl.ops.pooling import min_pool
 from navrl.ops.raycast import cast_rays
-from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
+from navrl.sim import BatchedSimulator, Delays, DifferentialDrive, Lidar
 
 
 def draw(*shape, low=0.0, high=1.0, seed=0):
@@ -27,7 +28,9 @@ def draw(*shape, low=0.0, high=1.0, seed=0):
     return low + (high - low) * torch.rand(shape, generator=generator)
 
 
-def worlds(device, count=3, steps=4, num_beams=72, model="kinematic", num_walls=10):
+def worlds(
+    device, count=3, steps=4, num_beams=72, model="kinematic", num_walls=10, robot=None, **options
+):
     """Drive random worlds, some into a wall or a walker, with a partial reset on the way."""
     generator = np.random.default_rng(3)
     scenes = [scene(pedestrians=[walker((1.0, 0.0), (0.0, 0.0), speed=1.0)])]  # they meet
@@ -35,11 +38,12 @@ def worlds(device, count=3, steps=4, num_beams=72, model="kinematic", num_walls=
     batch, n = pack(*scenes, max_pedestrians=4), count + 1
     sim = BatchedSimulator(
         n,
-        DifferentialDrive(model=model),
+        robot or DifferentialDrive(model=model),
         Lidar(num_beams=num_beams, mount=(0.08, -0.03, 0.4)),
         max_pedestrians=4,
         max_walls=4,
         device=device,
+        **options,
     )
     sim.reset(torch.arange(n), batch)
     results = {"first_scan": sim.ranges()}
@@ -48,15 +52,23 @@ def worlds(device, count=3, steps=4, num_beams=72, model="kinematic", num_walls=
             sim.reset(torch.tensor([1]), batch[torch.tensor([-1])])
         command = draw(n, 2, seed=step) * torch.tensor([1.5, 6.0]) - torch.tensor([0.2, 3.0])
         command[0] = torch.tensor([0.5, 0.0])
+        command = torch.nn.functional.pad(command, (0, sim.robot.command_size - 2))
         state = sim.step(command.to(device))
     results |= {name: value.nan_to_num(-9.0) for name, value in vars(state).items()}
     results |= {"ranges": sim.ranges(), "two_ranges": sim.ranges(torch.tensor([count, 0]))}
-    assert state.contact[0] != 0
+    assert state.contact[0] != 0 or options
     return {name: value.cpu() for name, value in results.items()}
 
 
 def wheeled_worlds(device):
     return worlds(device, count=1, steps=4, num_beams=9, model="wheeled")
+
+
+def other_models(device):
+    """A base driven by its own code, pedestrians that flee, delays of scans and commands."""
+    delays = Delays(scan_age_s=0.26, speed_delay_s=0.1, turn_rate_delay_s=0.24)
+    options = {"robot": Omnidirectional(), "pedestrians": Fleeing(), "delays": delays}
+    return worlds(device, count=1, steps=4, num_beams=9, **options)
 
 
 def rays(device):
@@ -164,6 +176,7 @@ CASES = {
     for case in (
         worlds,
         wheeled_worlds,
+        other_models,
         rays,
         noise,
         pooling,
