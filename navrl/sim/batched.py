@@ -112,7 +112,8 @@ class BatchedSimulator(Simulator):
             "walk": torch.full((n, k, 4), torch.nan, **real),
             "boxes": torch.full((n, k, 5), torch.nan, **real),
         }
-        self._legs = torch.full((n, k, 5), torch.nan, **real)  # of the present step
+        rows = k if self.pedestrians.is_reactive else 0
+        self._legs = torch.full((n, rows, 5), torch.nan, **real)  # of the present step
         # What a kernel takes and does not use, without another model or delays:
         self._track = torch.zeros(n, 1, 5, **real)
         self._unseen = {"pose": torch.zeros(n, 3, **real), "boxes": torch.zeros(n, k, 5, **real)}

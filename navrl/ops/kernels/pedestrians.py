@@ -13,20 +13,19 @@ def distance(dx, dy):
 
 
 @scalar
-def place_pedestrian(box, route, arc, walk, leg, time_s, share):
-    """Write where a pedestrian is, ``share`` of a step after its start.
+def follow_leg(box, walk, leg, share):
+    """Write where a pedestrian is that has walked ``share`` of its leg."""
+    box[0] = leg[0] + share * (leg[2] - leg[0])
+    box[1] = leg[1] + share * (leg[3] - leg[1])
+    box[2], box[3], box[4] = walk[2], walk[3], leg[4]
 
-    With a leg that is its share of the line; without, a triangle wave of ``time_s`` along the
-    route's arc length.
-    """
+
+@scalar
+def follow_route(box, route, arc, walk, time_s):
+    """Write where a pedestrian is at a time: a triangle wave along its route's arc length."""
     speed = walk[0]
     if math.isnan(speed):
         box[:] = np.nan
-        return
-    if not math.isnan(leg[0]):
-        box[0] = leg[0] + share * (leg[2] - leg[0])
-        box[1] = leg[1] + share * (leg[3] - leg[1])
-        box[2], box[3], box[4] = walk[2], walk[3], leg[4]
         return
     length = arc[-1]
     along, forward = 0.0, True
@@ -50,25 +49,36 @@ def place_pedestrian(box, route, arc, walk, leg, time_s, share):
 
 
 @scalar
+def place_pedestrian(k, boxes, route, arc, walk, legs, time_s, share):
+    """Write where pedestrian ``k`` is, ``share`` of a step after its start.
+
+    ``legs`` has no rows where all pedestrians follow their routes.
+    """
+    if legs.shape[0] > 0 and not math.isnan(legs[k, 0]):
+        follow_leg(boxes[k], walk[k], legs[k], share)
+    else:
+        follow_route(boxes[k], route[k], arc[k], walk[k], time_s)
+
+
+@scalar
 def place_pedestrians(boxes, route, arc, walk, legs, time_s, share):
     """Write where all pedestrians of a world are; see :func:`place_pedestrian`."""
     for k in range(boxes.shape[0]):
-        place_pedestrian(boxes[k], route[k], arc[k], walk[k], legs[k], time_s, share)
+        place_pedestrian(k, boxes, route, arc, walk, legs, time_s, share)
 
 
 @scalar
 def list_near_pedestrians(x, y, reach, boxes, walk, legs, duration, near):
     """Write the indices of pedestrians that may come within ``reach``; return how many."""
     count = 0
-    for pedestrian in range(boxes.shape[0]):
-        cx, cy, hx, hy, turn = boxes[pedestrian]
+    for k in range(boxes.shape[0]):
+        cx, cy, hx, hy, turn = boxes[k]
         if math.isnan(turn):
             continue
-        leg = legs[pedestrian]
-        walked = walk[pedestrian, 0] * duration
-        if not math.isnan(leg[0]):
-            walked = distance(leg[2] - leg[0], leg[3] - leg[1])
+        walked = walk[k, 0] * duration
+        if legs.shape[0] > 0 and not math.isnan(legs[k, 0]):
+            walked = distance(legs[k, 2] - legs[k, 0], legs[k, 3] - legs[k, 1])
         if distance(cx - x, cy - y) <= reach + distance(hx, hy) + walked:
-            near[count] = pedestrian
+            near[count] = k
             count += 1
     return count

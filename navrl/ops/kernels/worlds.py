@@ -11,7 +11,8 @@ walls      [N, W, 6]   cx, cy, hx, hy, cos, sin; the first num_walls[n] rows cou
 route      [N, K, R, 2] polyline each pedestrian walks back and forth
 route_arc  [N, K, R]   arc length at its points, padded with the total
 walk       [N, K, 4]   speed, starting arc position, hx, hy; NaN speed where absent
-legs       [N, K, 5]   x, y at the step's start and end, yaw; NaN rows follow their route
+legs       [N, K, 5]   x, y at the step's start and end, yaw; NaN rows follow their route,
+                       as all do where it is [N, 0, 5]
 boxes      [N, K, 5]   where the pedestrians are now; NaN rows where absent
 late       [N, 2]      command that holds until the new one takes effect
 track      [N, S, 5]   x, y, yaw, direction and speed of travel after each substep, or unused
@@ -157,8 +158,8 @@ def step_world(
     num_near = list_near_walls(x, y, reach, walls, num_walls, near)
     crowd = near[num_near:]
     num_crowd = list_near_pedestrians(x, y, reach, boxes, walk, legs, duration * substeps, crowd)
-    result, index, first_tick = NONE, 0, tick
-    while index < substeps and result == NONE:
+    result, first_tick, driven = NONE, tick, substeps
+    for index in range(substeps):
         if index == scanned:
             see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index)
         if is_tracked:
@@ -166,20 +167,28 @@ def step_world(
         else:
             x, y, yaw, v, w = drive_substep(x, y, yaw, v, w, index, late, command, drive, timing)
             heading, speed = yaw, v
-        index += 1
         tick += 1
         for number in range(num_crowd):
-            k = crowd[number]
             place_pedestrian(
-                boxes[k], route[k], arc[k], walk[k], legs[k], tick * duration, index / substeps
+                crowd[number],
+                boxes,
+                route,
+                arc,
+                walk,
+                legs,
+                tick * duration,
+                (index + 1) / substeps,
             )
         if touched_wall(x, y, radius, walls, near, num_near):
             result = STATIC
         else:
             result = touched_pedestrian(x, y, heading, speed, radius, boxes, crowd, num_crowd)
-    if index <= scanned < substeps:  # a contact came first
-        see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index)
-    place_pedestrians(boxes, route, arc, walk, legs, tick * duration, index / substeps)
+        if result != NONE:
+            driven = index + 1
+            break
+    if driven <= scanned < substeps:  # a contact came first
+        see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, driven)
+    place_pedestrians(boxes, route, arc, walk, legs, tick * duration, driven / substeps)
     pose[0], pose[1], pose[2] = x, y, yaw
     if not is_tracked:
         velocity[0], velocity[1] = v, w
