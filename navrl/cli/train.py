@@ -66,7 +66,8 @@ def _playing(cfg: DictConfig, folder: Path) -> DictConfig:
     """Return the configuration by which an episode of the best policy is played."""
     playing = compose("play")
     set_default(playing, "device", cfg.get("device", "cpu"))
-    for part in ("suite", "simulator", "num_threads", "environment", "progress_bar"):
+    parts = ("suite", "simulator", "num_threads", "environment", "progress_bar")
+    for part in (*parts, *(name for name in ("pedestrians", "timing") if name in cfg)):
         set_default(playing, part, cfg[part])
     set_default(playing, "policy", str(folder))
     # What this very run was made of may be built again.

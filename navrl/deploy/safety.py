@@ -13,8 +13,8 @@ from enum import StrEnum
 import numpy as np
 import torch
 
+from navrl.ops.beams import RETURN_MARGIN_M
 from navrl.ops.path import project_onto_path
-from navrl.ops.pooling import RETURN_MARGIN_M
 from navrl.sim import DifferentialDrive, Lidar
 
 _MAX_YAW = 2.0 * math.pi  # rad; an angle in degrees exceeds it within a few degrees of turning

@@ -9,10 +9,8 @@ import torch
 from torch import Tensor
 
 from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
+from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.returns import finite_returns
-
-# A point on the border of two sectors belongs to both, also in float32.
-SECTOR_TOLERANCE_RAD = 1e-6
 
 EmptyNow = Literal["center", "zeros"]
 EmptyPrevious = Literal["current", "center", "zeros"]

@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from navrl.ops.backend import Backend, is_compiled
+from navrl.ops.beams import HIT_MARGIN
 
 TABLE_SIZE = 4096
-HIT_MARGIN = 1e-3  # m; a noisy hit stays this far below the maximum range
-
 # splitmix64 (Steele, Lea, Flood 2014) as signed 64-bit numbers, which is what torch multiplies
 _GOLDEN = -7046029254386353131  # 0x9E3779B97F4A7C15
 _MIX_1 = -4658895280553007687  # 0xBF58476D1CE4E5B9

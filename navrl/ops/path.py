@@ -13,11 +13,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops.backend import Backend, as_real, is_compiled
-
-# The search for a projection ends where the path has led this many times as far from the position
-# as its nearest point so far: what comes after is another branch, even if it is nearer. Not
-# less than sqrt(2), which is what a robot sees that cuts a right angle.
-LEAVING_RATIO = 1.5
+from navrl.ops.path_search import LEAVING_RATIO, check_window
 
 
 class PathProjection(NamedTuple):
@@ -202,14 +198,6 @@ def path_length(path: Tensor) -> Tensor:
     """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``."""
     _check_path(path)
     return _segments(as_real(path))[0][..., -1]
-
-
-def check_window(ahead: float, behind: float) -> None:
-    """Raise a ValueError that names the search length of :func:`project_onto_path` gone wrong."""
-    if not ahead > 0.0:
-        raise ValueError(f"ahead must be positive (m), got {ahead}")
-    if not behind >= 0.0:
-        raise ValueError(f"behind must be at least 0 (m), got {behind}")
 
 
 def _segments(path: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from navrl.ops.backend import Backend, as_real, is_compiled
+from navrl.ops.beams import RETURN_MARGIN_M, Bearing
 from navrl.ops.scan_layout import TURN, ScanLayout, scan_layout
-
-# A reading closer to the maximum than this is the maximum: float noise never makes a return.
-RETURN_MARGIN_M = 1e-4
-
-Bearing = Literal["bin", "beam"]
 
 
 class PooledScan(NamedTuple):

@@ -10,9 +10,9 @@ from torch import Tensor, nn
 from torchrl.envs import Transform
 
 from navrl.policies.nodes import BundleError
-from navrl.sim import DifferentialDrive, Lidar
+from navrl.sim import DifferentialDrive, Lidar, RobotModel
 
-KINDS = {"transforms": Transform, "lidar": Lidar, "robot": DifferentialDrive}
+KINDS = {"transforms": Transform, "lidar": Lidar, "robot": RobotModel}
 """Type of each part of a bundle beside the actor."""
 
 MAX_SPEED = 10.0
@@ -67,7 +67,7 @@ def check_part(part: str, built: Any) -> None:
     """
     if not isinstance(built, KINDS[part]):
         raise BundleError(f"{part}: must be a {KINDS[part].__name__}, got {type(built).__name__}")
-    if part != "robot":
+    if not isinstance(built, DifferentialDrive):
         return
     limits = {
         "min_speed": (MAX_SPEED, "m/s"),

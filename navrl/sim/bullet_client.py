@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
+from typing import Any
 
 from navrl.sim.display import require_display
 
@@ -39,7 +40,7 @@ class Client:
         if is_shown:
             self.configureDebugVisualizer(pybullet.COV_ENABLE_GUI, 0)
 
-    def __getattr__(self, name: str):
+    def __getattr__(self, name: str) -> Any:
         value = getattr(pybullet, name)
         if callable(value):
             value = functools.partial(value, physicsClientId=self._id)

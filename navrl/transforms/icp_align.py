@@ -11,7 +11,8 @@ from torchrl.data import TensorSpec, Unbounded
 
 from navrl import keys
 from navrl.ops import se2
-from navrl.ops.icp import IcpOptions, align
+from navrl.ops.icp import align
+from navrl.ops.icp_options import IcpOptions
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec, real_spec
 
 

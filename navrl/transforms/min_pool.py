@@ -10,7 +10,8 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Compose, Transform
 
 from navrl import keys
-from navrl.ops.pooling import Bearing, check_pooling, min_pool
+from navrl.ops.beams import Bearing
+from navrl.ops.pooling import check_pooling, min_pool
 from navrl.ops.scan_layout import ScanLayout, check_layout, scan_layout
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec
 

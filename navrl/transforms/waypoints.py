@@ -11,7 +11,8 @@ from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.ops import se2
-from navrl.ops.path import check_window, point_at, project_onto_path
+from navrl.ops.path import point_at, project_onto_path
+from navrl.ops.path_search import check_window
 from navrl.transforms.observation_map import (
     Keys,
     map_reset_rows,

@@ -15,7 +15,8 @@ from rooms import sample_scan_pairs
 from scenes import pack, random_scene, scene, walker
 
 from navrl.ops.grouping import tagd
-from navrl.ops.icp import PAPER, ROBUST, align
+from navrl.ops.icp import align
+from navrl.ops.icp_options import PAPER, ROBUST
 from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.path import point_at, project_onto_path
 from navrl.ops.pooling import min_pool

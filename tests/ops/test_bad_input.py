@@ -7,7 +7,8 @@ import torch
 
 from navrl.ops import se2
 from navrl.ops.grouping import tagd
-from navrl.ops.icp import IcpOptions, align
+from navrl.ops.icp import align
+from navrl.ops.icp_options import IcpOptions
 from navrl.ops.pooling import min_pool
 from navrl.ops.projection import project_ranges
 from navrl.ops.raycast import cast_rays

@@ -8,7 +8,8 @@ import torch
 from rooms import errors, sample_scan_pairs
 
 from navrl.ops import se2
-from navrl.ops.icp import PAPER, ROBUST, IcpOptions, _line_step, align
+from navrl.ops.icp import _line_step, align
+from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
 from navrl.ops.lines import ScanLines, fit_lines
 from navrl.ops.rigid_fit import fit_rigid
 from navrl.ops.rotation_search import rotation_search

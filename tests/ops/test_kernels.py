@@ -10,7 +10,8 @@ import torch
 from rooms import sample_scan_pairs
 
 from navrl.ops.grouping import tagd
-from navrl.ops.icp import PAPER, ROBUST, align
+from navrl.ops.icp import align
+from navrl.ops.icp_options import PAPER, ROBUST
 from navrl.ops.kernels.icp import weigh_pairs
 from navrl.ops.kernels.nearest import SMALLEST, WINDOW
 from navrl.ops.kernels.rotation_search import search_rotation

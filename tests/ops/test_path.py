@@ -7,7 +7,8 @@ import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from navrl.ops.path import LEAVING_RATIO, path_length, point_at, project_onto_path
+from navrl.ops.path import path_length, point_at, project_onto_path
+from navrl.ops.path_search import LEAVING_RATIO
 
 BACKENDS = ["torch", "numba"]
 backends = st.sampled_from(BACKENDS)

@@ -12,7 +12,7 @@ from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from navrl import transforms
-from navrl.ops.icp import PAPER, ROBUST, IcpOptions
+from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
 
 CONF = Path(__file__).parents[2] / "conf"
 NAMES = sorted(path.stem for path in (CONF / "transforms").glob("*.yaml"))

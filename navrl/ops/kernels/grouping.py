@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from navrl.ops.grouping import SECTOR_TOLERANCE_RAD
+from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 
 FAR = 1e9  # m; where points that are no returns are put

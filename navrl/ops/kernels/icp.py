@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from navrl.ops.icp import DAMPING, SLIDE_WEIGHT, IcpOptions
+from navrl.ops.icp_options import DAMPING, SLIDE_WEIGHT, IcpOptions
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 from navrl.ops.kernels.lines import fit_lines
 from navrl.ops.kernels.nearest import find_nearest, is_ordered, repeat, unroll

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from navrl.ops.beams import HIT_MARGIN
 from navrl.ops.kernels.compiler import kernel, scalar
-from navrl.ops.noise import HIT_MARGIN
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)

@@ -3,7 +3,7 @@
 import math
 
 from navrl.ops.kernels.compiler import kernel, scalar
-from navrl.ops.path import LEAVING_RATIO
+from navrl.ops.path_search import LEAVING_RATIO
 
 _LEAVING_SQUARED = LEAVING_RATIO**2
 

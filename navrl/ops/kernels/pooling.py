@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from navrl.ops.beams import RETURN_MARGIN_M, Bearing
 from navrl.ops.kernels.compiler import kernel, scalar
-from navrl.ops.pooling import RETURN_MARGIN_M, Bearing
 
 
 @scalar
