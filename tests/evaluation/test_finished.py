@@ -10,7 +10,7 @@ from safetensors.torch import load_file, save_file
 
 from navrl.config import compose
 from navrl.evaluation import find_evaluations
-from navrl.jobs import evaluation as building
+from navrl.factory import policy as building
 from navrl.jobs import finished_evaluation, inputs, measure_latency, run_evaluation
 from navrl.policies import ZOO
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+from navrl import factory
 from navrl.config import compose
 from navrl.evaluation import METRICS, EpisodeRecord, Trajectory, measure
 from navrl.evaluation.recording import Recording
@@ -124,7 +125,7 @@ def test_an_episode_that_raises_is_kept_with_all_it_takes_to_raise_it_again(tmp_
     def refusing(cfg, **options):
         evaluated = make(cfg, **options)
         policy = Refusing(evaluated.policy, bad.goal)
-        return building.EvaluatedPolicy(evaluated.name, policy, evaluated.env)
+        return factory.EvaluatedPolicy(evaluated.name, policy, evaluated.env)
 
     monkeypatch.setattr(building, "make_evaluated_policy", refusing)
     summary = run_evaluation(cfg, tmp_path)
