@@ -25,7 +25,7 @@ from navrl.deploy.safety import (
 )
 from navrl.policies import load_bundle
 from navrl.sim import Lidar, RobotModel
-from navrl.transforms.min_pool import check_mount
+from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
 
@@ -71,7 +71,7 @@ class PolicyRunner:
         robot: RobotModel,
         limits: SafetyLimits | None = None,
     ) -> None:
-        check_mount(transforms, lidar.mount)
+        check_lidar(transforms, lidar)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         self.limits = SafetyLimits() if limits is None else limits
         self.state: DriveState | None = None

@@ -112,7 +112,7 @@ class ScanCheck:
         bearing = lidar.beam_angles().numpy() + lidar.mount[2]
         sides = [0.0, math.pi] if robot.min_speed < 0.0 else [0.0]
         self._sectors = [_beams_within(bearing, side, limits.sector) for side in sides]
-        self._max_gap_beams = limits.max_gap * lidar.num_beams / (2.0 * math.pi)
+        self._max_gap_beams = limits.max_gap / abs(lidar.increment)
 
     def state(self, ranges: np.ndarray) -> DriveState:
         """Return ``BLIND``, ``BLOCKED`` or ``DRIVE`` for a scan ``[num_beams]`` m."""

@@ -73,6 +73,8 @@ class Recording:
         reward_terms: ``[T]`` weighted contribution of each term, by name.
         lidar_mount: ``[3]`` (x, y, yaw) of the lidar in the robot frame, m and rad; ``None``, in
             files from before it was stored, for the robot's center.
+        lidar_angles: ``[2]`` angle of beam 0 and from beam to beam, rad, in the lidar's frame;
+            ``None``, in files from before it was stored, for a full circle from beam 0 ahead.
         contact: Code of :class:`navrl.sim.Contact` at the end: who moved into whom; ``None`` in
             files from before it was kept.
 
@@ -103,10 +105,12 @@ class Recording:
     temporal_attention: np.ndarray | None = None
     contact: int | None = None
     lidar_mount: np.ndarray | None = None
+    lidar_angles: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         steps = self.num_steps
         expected = {"walls": (None, 5), "path": (None, 2), "goal": (2,), "lidar_mount": (3,)}
+        expected["lidar_angles"] = (2,)
         expected |= {name: (steps + 1, *shape) for name, shape in OBSERVED.items()}
         expected |= {name: (steps, *shape) for name, shape in DECIDED.items()}
         arrays = {name: getattr(self, name) for name in expected}
@@ -136,6 +140,7 @@ class Recording:
             goal_radius=float(env.goal_radius),
             max_range=float(env.simulator.lidar.max_range),
             lidar_mount=np.array(env.simulator.lidar.mount),
+            lidar_angles=np.array([env.simulator.lidar.angle_min, env.simulator.lidar.increment]),
             walls=np.array(scenario.boxes),
             path=np.array(scenario.path),
             goal=np.array(scenario.goal),
@@ -150,7 +155,11 @@ class Recording:
     def beam_ends(self) -> np.ndarray:
         """Return where each beam of the raw scans ends, ``[T + 1, beams, 2]`` m, robot frame."""
         x, y, yaw = (0.0, 0.0, 0.0) if self.lidar_mount is None else self.lidar_mount
-        angle = yaw + 2.0 * np.pi * np.arange(self.ranges.shape[1]) / self.ranges.shape[1]
+        beams = np.arange(self.ranges.shape[1])
+        if self.lidar_angles is None:
+            angle = yaw + 2.0 * np.pi * beams / len(beams)
+        else:
+            angle = yaw + self.lidar_angles[0] + self.lidar_angles[1] * beams
         ends = self.ranges[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return ends + np.array([x, y])
 

@@ -16,7 +16,7 @@ from torchrl.envs import ActionScaling, Transform, TransformedEnv
 from navrl.config import instantiate
 from navrl.envs import NavigationEnv
 from navrl.ops.backend import find_device
-from navrl.transforms.min_pool import check_mount
+from navrl.transforms.min_pool import check_lidar
 from navrl.worlds import ScenarioPool, Suite
 
 
@@ -128,9 +128,9 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
     """Append a clone of the perception transforms, then normalize actions to [-1, 1].
 
     Raises:
-        ValueError: If the transforms assume another mount of the lidar.
+        ValueError: If the transforms assume another mount or other angles of the lidar.
     """
-    check_mount(transforms, env.simulator.lidar.mount)
+    check_lidar(transforms, env.simulator.lidar)
     transformed = TransformedEnv(env, transforms.clone())
     transformed.append_transform(ActionScaling())
     for part in (env, transformed):

@@ -16,21 +16,26 @@ def cast_rays(
     num_beams: int = 1440,
     max_range: float = 3.5,
     backend: Backend = "auto",
+    angle_min: float = 0.0,
+    angle_increment: float | None = None,
 ) -> Tensor:
     """Return the distance along each beam to the nearest box.
 
-    Beam j points at 2 pi j / num_beams from the pose's x axis, counter-clockwise. A scanner inside
+    Beam j points at ``angle_min + j angle_increment`` from the pose's x axis. A scanner inside
     of a box, or on its edge, reads 0 in every beam. A world without boxes reads ``max_range``.
 
     Args:
         pose: [*B, 3] (x, y, yaw) of the scanner, world.
         boxes: [*B, K, 5] (cx, cy, hx, hy, yaw), world, half sizes in m; NaN rows are absent.
         num_boxes: [*B] int64, leading rows of ``boxes`` that count; all of them if None.
-        num_beams: beams over the full circle.
+        num_beams: beams of a scan.
         max_range: m; exactly this where nothing nearer is hit.
         backend: see :mod:`navrl.ops.backend`. The kernel's geometry is float64, that of the torch
             form, one slab test per beam and box, has the dtype of ``pose``. They agree to 1e-4 m
             but for beams that graze an edge.
+        angle_min: rad, of beam 0.
+        angle_increment: rad from one beam to the next, negative if they are counted clockwise;
+            None spreads the beams evenly over a full circle, counter-clockwise.
 
     Returns:
         [*B, num_beams] float32 m.
@@ -40,9 +45,10 @@ def cast_rays(
     """
     num_boxes = _check(pose, boxes, num_boxes, num_beams, max_range)
     pose, boxes = as_real(pose), as_real(boxes)
+    beams = (num_beams, angle_min, angle_increment)
     if is_compiled(backend, pose, boxes):
-        return _cast_rays_compiled(pose, boxes, num_boxes, num_beams, max_range)
-    return _cast_rays_torch(pose, boxes, num_boxes, num_beams, max_range)
+        return _cast_rays_compiled(pose, boxes, num_boxes, beams, max_range)
+    return _cast_rays_torch(pose, boxes, num_boxes, beams, max_range)
 
 
 def _check(
@@ -75,33 +81,64 @@ def _check(
     return num_boxes
 
 
+Beams = tuple[int, float, float | None]
+"""Number of beams, angle of beam 0 and increment, rad; None spreads them over a full circle."""
+
+
+def beam_angles(num_beams: int, angle_min: float, angle_increment: float | None) -> Tensor:
+    """Return the angle of each beam in the scanner's frame, [num_beams] float64 rad."""
+    increment = 2.0 * math.pi / num_beams if angle_increment is None else angle_increment
+    return angle_min + torch.arange(num_beams, dtype=torch.float64) * increment
+
+
 @functools.lru_cache(maxsize=16)
-def beam_directions(num_beams: int, device: torch.device | str = "cpu") -> Tensor:
+def beam_directions(
+    num_beams: int,
+    angle_min: float = 0.0,
+    angle_increment: float | None = None,
+    device: torch.device | str = "cpu",
+) -> Tensor:
     """Return [2, num_beams] float64 (cos, sin) of the beams' angles; do not write into it."""
-    angle = torch.arange(num_beams, dtype=torch.float64) * (2.0 * math.pi / num_beams)
+    angle = beam_angles(num_beams, angle_min, angle_increment)
     return torch.stack((torch.cos(angle), torch.sin(angle))).to(device)
 
 
+def beam_grid(
+    num_beams: int, angle_min: float, angle_increment: float | None
+) -> tuple[float, float, float]:
+    """Return what the kernels turn an angle into a beam by.
+
+    Returns:
+        Angle of beam 0, rad; beams a radian, negative if they are counted clockwise; beams that a
+        full circle would hold.
+    """
+    angle_min = math.remainder(angle_min, 2.0 * math.pi)
+    if angle_increment is None:
+        return angle_min, num_beams / (2.0 * math.pi), float(num_beams)
+    return angle_min, 1.0 / angle_increment, 2.0 * math.pi / abs(angle_increment)
+
+
 def _cast_rays_compiled(
-    pose: Tensor, boxes: Tensor, num_boxes: Tensor, num_beams: int, max_range: float
+    pose: Tensor, boxes: Tensor, num_boxes: Tensor, beams: Beams, max_range: float
 ) -> Tensor:
     from navrl.ops.kernels.rays import cast_rays_kernel
 
     batch, count = pose.shape[:-1], pose.shape[:-1].numel()
-    out = pose.new_empty(count, num_beams, dtype=torch.float32)
+    out = pose.new_empty(count, beams[0], dtype=torch.float32)
     cast_rays_kernel(
         out,
         pose.reshape(count, 3).double().contiguous(),
         boxes.reshape(count, boxes.shape[-2], 5).double().contiguous(),
         num_boxes.reshape(count).long().contiguous(),
-        *beam_directions(num_beams, pose.device),
+        *beam_directions(*beams, pose.device),
+        beam_grid(*beams),
         float(max_range),
     )
-    return out.reshape(*batch, num_beams)
+    return out.reshape(*batch, beams[0])
 
 
 def _cast_rays_torch(
-    pose: Tensor, boxes: Tensor, num_boxes: Tensor, num_beams: int, max_range: float
+    pose: Tensor, boxes: Tensor, num_boxes: Tensor, beams: Beams, max_range: float
 ) -> Tensor:
     """Slab test of every beam against every box: [*B, K, beams] in memory."""
     boxes = boxes.to(pose.dtype)
@@ -118,8 +155,7 @@ def _cast_rays_torch(
         ),
         dim=-1,
     )
-    angle = torch.arange(num_beams, device=pose.device, dtype=pose.dtype)
-    angle = angle * (2.0 * math.pi / num_beams) + (pose[..., None, 2:3] - turn[..., None])
+    angle = beam_angles(*beams).to(pose) + (pose[..., None, 2:3] - turn[..., None])
     direction = torch.stack((torch.cos(angle), torch.sin(angle)), dim=-1)
     # the stretch of each beam between the two planes of each axis
     near = (-half - origin)[..., None, :] / direction
@@ -133,5 +169,5 @@ def _cast_rays_torch(
     reach = torch.where((enter <= leave) & (enter >= 0.0), enter, torch.inf)
     reach = torch.where(is_inside, 0.0, reach).masked_fill(absent[..., None], torch.inf)
     if reach.shape[-2] == 0:
-        return torch.full((*pose.shape[:-1], num_beams), max_range, device=pose.device)
+        return torch.full((*pose.shape[:-1], beams[0]), max_range, device=pose.device)
     return reach.amin(-2).clamp_max(max_range).float()

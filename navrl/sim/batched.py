@@ -13,7 +13,7 @@ from navrl.ops.kernels.worlds import (
     scan_worlds_kernel,
     step_worlds_kernel,
 )
-from navrl.ops.raycast import beam_directions
+from navrl.ops.raycast import beam_directions, beam_grid
 from navrl.sim.crowd import PedestrianModel, step_legs
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
@@ -93,7 +93,7 @@ class BatchedSimulator(Simulator):
         self._drive = _drive_parameters(robot)
         self._mount = torch.tensor(lidar.mount, dtype=torch.float64, device=self.device)
         self._every_world = torch.arange(self.num_worlds, device=self.device)
-        self._beams = beam_directions(lidar.num_beams, self.device)
+        self._beams = (*beam_directions(*lidar.beams, self.device), beam_grid(*lidar.beams))
         self._allocate(max_walls)
 
     def _allocate(self, max_walls: int) -> None:

@@ -59,7 +59,7 @@ class Scene:
         self._wall_height = max(WALL_HEIGHT, lidar.height + HEADROOM)
         self._pedestrian_height = self._wall_height + PEDESTRIAN_HEIGHT - WALL_HEIGHT
         self._scan_height = floor + lidar.height
-        self._directions = beam_directions(lidar.num_beams).numpy()
+        self._directions = beam_directions(*lidar.beams).numpy()
         self.forget()
 
     def forget(self) -> None:

@@ -8,14 +8,16 @@ from torch import Tensor
 
 from navrl.ops import se2
 from navrl.ops.noise import add_range_noise, noise_table
+from navrl.ops.raycast import Beams, beam_angles
+from navrl.ops.scan_layout import check_layout
 
 
 class Lidar:
-    """A planar scanner: ``num_beams`` over the full circle, beam j at 2 pi j / num_beams.
+    """A planar scanner; beam j points at ``angle_min + j angle_increment`` from the mount's x axis.
 
-    Beam 0 points along the mount's x axis and angles grow counter-clockwise. Nothing within
-    ``max_range`` reads exactly ``max_range``. A scanner inside of a box reads 0 in every beam. The
-    robot itself is never seen.
+    :meth:`beam_angles` is the source for ray casting, pooling, pictures and the runner. Nothing
+    within ``max_range`` reads exactly ``max_range``. A scanner inside of a box reads 0 in every
+    beam. The robot itself is never seen.
 
     Args:
         num_beams: beams a scan.
@@ -24,6 +26,9 @@ class Lidar:
         noise_amplitude: m; standard deviation of ``gaussian``, half width of ``uniform``.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
         height: of the scan plane over the floor, m; PyBullet casts its rays there.
+        angle_min: angle of beam 0, rad.
+        angle_increment: from one beam to the next, rad, negative if they are counted clockwise;
+            None spreads the beams evenly over a full circle, counter-clockwise.
 
     Raises:
         ValueError: a value is outside of its range.
@@ -41,6 +46,8 @@ class Lidar:
         noise_amplitude: float = 0.025,
         mount: Sequence[float] = (0.0, 0.0, 0.0),
         height: float = 0.5,
+        angle_min: float = 0.0,
+        angle_increment: float | None = None,
     ) -> None:
         if num_beams < 1:
             raise ValueError(f"num_beams must be at least 1, got {num_beams}")
@@ -49,7 +56,16 @@ class Lidar:
                 raise ValueError(f"{name} must be positive and finite, got {value}")
         if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
             raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
+        check_layout(1, None, angle_min, angle_increment, mount)
+        covered = (num_beams - 1) * abs(angle_increment or 0.0)
+        if covered > 2.0 * math.pi * (1.0 + 1e-5):
+            raise ValueError(
+                f"angle_increment={angle_increment}: must be within one revolution, got "
+                f"{covered:.3f} rad from the first to the last of {num_beams} beams"
+            )
         self.num_beams = int(num_beams)
+        self.angle_min = float(angle_min)
+        self.angle_increment = None if angle_increment is None else float(angle_increment)
         self.max_range = float(max_range)
         self.noise = noise
         self.noise_amplitude = float(noise_amplitude)
@@ -59,7 +75,18 @@ class Lidar:
 
     def beam_angles(self) -> Tensor:
         """Return [num_beams] float64 rad, each beam's angle in the mount's frame."""
-        return torch.arange(self.num_beams, dtype=torch.float64) * (2.0 * math.pi / self.num_beams)
+        return beam_angles(*self.beams)
+
+    @property
+    def increment(self) -> float:
+        """Angle from one beam to the next, rad."""
+        full = 2.0 * math.pi / self.num_beams
+        return full if self.angle_increment is None else self.angle_increment
+
+    @property
+    def beams(self) -> Beams:
+        """Number of beams, ``angle_min`` and ``angle_increment``."""
+        return self.num_beams, self.angle_min, self.angle_increment
 
     def points(self, ranges: Tensor) -> Tensor:
         """Return where each beam ends, in the robot frame.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -14,6 +15,9 @@ from navrl.ops.beams import Bearing
 from navrl.ops.pooling import check_pooling, min_pool
 from navrl.ops.scan_layout import ScanLayout, check_layout, scan_layout
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec
+
+if TYPE_CHECKING:
+    from navrl.sim import Lidar
 
 
 class MinPool(ObservationMap):
@@ -113,22 +117,30 @@ class MinPool(ObservationMap):
         )
 
 
-def check_mount(transforms: Transform, mount: Sequence[float]) -> None:
-    """Hold the poolings of raw scans to the place of the lidar that makes them.
+def check_lidar(transforms: Transform, lidar: Lidar) -> None:
+    """Check that poolings of raw scans assume the mount and the angles of the lidar.
 
     Args:
         transforms: A pipeline, or one step of it.
-        mount: (x, y, yaw) of the lidar in the robot frame, m and rad.
+        lidar: The lidar whose scans are pooled.
 
     Raises:
-        ValueError: If a pooling assumes another place, so that its points would be off.
+        ValueError: If a pooling assumes others, so that its points would be off.
     """
     for pool in _poolings(transforms):
-        if keys.RANGES in pool.in_keys and pool.mount != tuple(map(float, mount)):
-            raise ValueError(
-                f"lidar.mount={list(mount)}: must be the mount of MinPool, which is "
-                f"{list(pool.mount)}: set both, transforms.min_pool.mount too"
-            )
+        if keys.RANGES not in pool.in_keys:
+            continue
+        for name in ("mount", "angle_min", "angle_increment"):
+            own, assumed = getattr(lidar, name), getattr(pool, name)
+            if own != assumed:
+                raise ValueError(
+                    f"lidar.{name}={_shown(own)}: must be the {name} of MinPool, which is "
+                    f"{_shown(assumed)}: set both, transforms.min_pool.{name} too"
+                )
+
+
+def _shown(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _poolings(transforms: Transform) -> Iterator[MinPool]:

@@ -173,3 +173,37 @@ def test_a_pooling_for_another_mount_is_refused():
     lidar, robot = Lidar(mount=(0.0, 0.0, 0.5)), instantiate(cfg.robot)
     with pytest.raises(ValueError, match=message):
         PolicyRunner(MinPool(), None, lidar, robot)
+
+
+@pytest.mark.parametrize("increment", [0.25, -0.25])
+def test_lidar_of_270_degrees_pools_to_the_same_bins(increment):
+    """What it sees is what a full circle of the same bearings sees; behind, there is no return."""
+    first = math.radians(-135.0 if increment > 0 else 135.0)
+    words = ["lidar.noise=none", "scenario=office", "pool_size=8", "num_worlds=4", "num_threads=1"]
+    partial = [
+        "lidar.num_beams=1081",
+        f"lidar.angle_min={first}",
+        f"lidar.angle_increment={math.radians(increment)}",
+    ]
+    observed = []
+    for overrides in (words, [*words, *partial]):
+        cfg = compose("train", overrides)
+        env = factory.make_env(
+            factory.make_navigation_env(cfg, 4, factory.make_pool(cfg), 0),
+            instantiate(cfg.transforms),
+        )
+        observed.append(env.reset())
+    full, part = observed
+    bins = 360.0 / 180 * torch.arange(180)
+    seen = (bins + 2.0 < 133.0) | (bins > 227.0)
+    for key in ("ranges_pooled", "returns"):
+        torch.testing.assert_close(part[key][:, seen], full[key][:, seen], atol=2e-3, rtol=0)
+    behind = (bins > 139.0) & (bins < 221.0)
+    assert not part["returns"][:, behind].any() and full["returns"][:, behind].any()
+
+
+def test_pooling_for_other_angles_than_the_lidar_is_refused():
+    cfg = compose("train", ["transforms.min_pool.angle_min=0.5", "pool_size=8", "num_threads=1"])
+    env = factory.make_navigation_env(cfg, 1, factory.make_pool(cfg), 0)
+    with pytest.raises(ValueError, match=r"lidar.angle_min=0.0: must be the angle_min of MinPool"):
+        factory.make_env(env, instantiate(cfg.transforms))

@@ -83,6 +83,15 @@ def rays(device):
     return {"ranges": cast_rays(*values, num_beams=61).cpu()}
 
 
+def partial_rays(device):
+    """Beams counted clockwise over less than a circle."""
+    pose = draw(2, 3, low=-0.5, high=0.5)
+    boxes = draw(2, 4, 5, low=-2.0, high=2.0, seed=1)
+    boxes[..., 2:4] = 0.3 * boxes[..., 2:4].abs()
+    values = (value.to(device) for value in (pose, boxes))
+    return {"ranges": cast_rays(*values, num_beams=41, angle_min=2.0, angle_increment=-0.1).cpu()}
+
+
 def noise(device):
     ranges = draw(3, 42, high=3.6).clamp(max=3.5)
     ranges[0, :5] = 0.001
@@ -179,6 +188,7 @@ CASES = {
         wheeled_worlds,
         other_models,
         rays,
+        partial_rays,
         noise,
         pooling,
         paths,

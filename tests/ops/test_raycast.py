@@ -195,3 +195,20 @@ def test_bad_input_is_named(change, message):
     arguments = {"pose": torch.zeros(2, 3).double(), "boxes": torch.ones(2, 3, 5).double()}
     with pytest.raises(ValueError, match=message):
         cast_rays(**(arguments | change))
+
+
+@pytest.mark.parametrize(
+    "angle_min, increment", [(-2.35, 0.01), (3.0, -0.01), (-9.0, 0.004), (0.5, -2 * math.pi / 64)]
+)
+@pytest.mark.parametrize("backend", ["torch", "numba"])
+def test_partial_scan_is_part_of_a_full_one(angle_min, increment, backend):
+    """Each beam reads what a single beam in its direction reads."""
+    generator = torch.Generator().manual_seed(0)
+    boxes = torch.rand(12, 5, generator=generator, dtype=torch.float64) * 6.0 - 3.0
+    boxes[:, 2:4] = boxes[:, 2:4].abs() * 0.15
+    pose = torch.tensor([0.1, -0.2, 0.7], dtype=torch.float64)
+    ranges = cast_rays(pose, boxes, None, 64, 5.0, backend, angle_min, increment)
+    angles = angle_min + torch.arange(64, dtype=torch.float64) * increment
+    poses = torch.cat((pose[:2].expand(64, 2), (pose[2] + angles)[:, None]), dim=-1)
+    alone = cast_rays(poses, boxes.expand(64, 12, 5), None, 1, 5.0, backend)[:, 0]
+    torch.testing.assert_close(ranges, alone, atol=1e-4, rtol=0)

@@ -159,12 +159,21 @@ def test_same_with_another_robot_and_lidar():
 @pytest.mark.parametrize(
     "options",
     [
+        {"lidar": Lidar(num_beams=271, noise="none", angle_min=-2.4, angle_increment=0.0177)},
+        {"lidar": Lidar(num_beams=181, noise="none", angle_min=2.9, angle_increment=-0.0312)},
         {"robot": Omnidirectional()},
         {"pedestrians": Fleeing()},
         {"delays": Delays(scan_age_s=0.06, speed_delay_s=0.1, turn_rate_delay_s=0.24)},
         {"delays": Delays(scan_age_s=0.3), "pedestrians": Fleeing(speed=1.0)},
     ],
-    ids=["base", "pedestrians", "delays", "delays and pedestrians"],
+    ids=[
+        "270 degrees",
+        "clockwise from behind",
+        "base",
+        "pedestrians",
+        "delays",
+        "delays and pedestrians",
+    ],
 )
 def test_same_with_other_models(options):
     scenarios = [sample(kind, 40 + index) for kind in KINDS for index in range(4)]

@@ -15,31 +15,35 @@ _EDGE = 1e-9  # beams; a beam through the common corner of two boxes must not sl
 
 
 @scalar
-def write_face(face, num_beams, distance, nx, ny, start_x, start_y, end_x, end_y):
-    """Write a face seen from its outside as (distance, nx, ny, first beam, last beam).
+def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
+    """Write a face seen from its outside as (distance, nx, ny, first, last, last after a turn).
 
     Args:
-        face: [5]; the last beam may lie beyond ``num_beams``, where they start again from 0.
-        num_beams: over the full circle.
+        face: [6]; beams ``first .. last`` meet it, and beams ``0 .. last after a turn``, if any. An
+            index may lie beyond the scan's beams.
+        grid: (angle of beam 0, rad; beams a radian, negative if they are counted clockwise; beams
+            that a full circle would hold).
         distance: of the scanner from the face's line, positive.
         nx, ny: unit normal pointing from the scanner to the face's line, scanner frame.
         start_x .. end_y: the face's corners in the scanner frame, counter-clockwise.
     """
-    beams_per_rad = num_beams / (2.0 * math.pi)
-    start = math.atan2(start_y, start_x) * beams_per_rad
-    end = math.atan2(end_y, end_x) * beams_per_rad
+    angle_min, beams_per_rad, period = grid
+    start = (math.atan2(start_y, start_x) - angle_min) * beams_per_rad
+    end = (math.atan2(end_y, end_x) - angle_min) * beams_per_rad
+    if beams_per_rad < 0.0:
+        start, end = end, start
     if end < start:
-        end += num_beams
-    turn = num_beams if math.ceil(start - _EDGE) < 0 else 0
+        end += period
+    if math.ceil(start - _EDGE) < 0:
+        start, end = start + period, end + period
     face[0], face[1], face[2] = distance, nx, ny
-    face[3], face[4] = math.ceil(start - _EDGE) + turn, math.floor(end + _EDGE) + turn
+    face[3], face[4] = math.ceil(start - _EDGE), math.floor(end + _EDGE)
+    face[5] = math.floor(end - period + _EDGE)
 
 
 @scalar
-def find_faces(
-    faces, num_beams, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
-):
-    """Write the faces that a box shows to a scanner to ``faces`` [2, 5], see :func:`write_face`.
+def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box):
+    """Write the faces that a box shows to a scanner to ``faces`` [2, 6], see :func:`write_face`.
 
     The scanner is at (x, y) with the given heading, all world.
 
@@ -66,33 +70,33 @@ def find_faces(
         mx, my = px + side * hx * ux, py + side * hx * uy
         tx, ty = -side * hy * uy, side * hy * ux
         nx, ny = -side * ux, -side * uy
-        write_face(faces[count], num_beams, gap_x, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
+        write_face(faces[count], grid, gap_x, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
         count += 1
     if 0.0 < gap_y < max_range:
         side = math.copysign(1.0, qy)
         mx, my = px - side * hy * uy, py + side * hy * ux
         tx, ty = -side * hx * ux, -side * hx * uy
         nx, ny = side * uy, -side * ux
-        write_face(faces[count], num_beams, gap_y, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
+        write_face(faces[count], grid, gap_y, nx, ny, mx + tx, my + ty, mx - tx, my - ty)
         count += 1
     return count
 
 
 @scalar
 def cast_box(
-    out, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
+    out, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
 ):
-    """Write the ranges to one box into ``out`` [beams]; ``faces`` [2, 5] is scratch."""
+    """Write the ranges to one box into ``out`` [beams]; ``faces`` [2, 6] is scratch."""
     count = find_faces(
-        faces, out.shape[0], max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
+        faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
     )
     if count < 0:
         out[:] = 0.0
     for index in range(count):
         face = faces[index]
-        first, last = int(face[3]), int(face[4])
+        first, last, wrapped = int(face[3]), int(face[4]), int(face[5])
         cast_interval(out, cos, sin, face, first, min(last + 1, out.shape[0]))
-        cast_interval(out, cos, sin, face, 0, last + 1 - out.shape[0])
+        cast_interval(out, cos, sin, face, 0, min(wrapped + 1, out.shape[0]))
 
 
 @scalar
@@ -107,10 +111,10 @@ def cast_interval(out, cos, sin, face, first, stop):
 
 
 @kernel
-def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, max_range):
+def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, grid, max_range):
     """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
     for world in range(rows[0], rows[1]):
-        row, faces = out[world], np.empty((2, 5))
+        row, faces = out[world], np.empty((2, 6))
         row[:] = max_range
         x, y, yaw = pose[world, 0], pose[world, 1], pose[world, 2]
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
@@ -120,6 +124,6 @@ def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, max_range):
                 continue
             cos_box, sin_box = math.cos(turn), math.sin(turn)
             cast_box(
-                row, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw,
+                row, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
                 cx, cy, hx, hy, cos_box, sin_box,
             )  # fmt: skip

@@ -231,17 +231,17 @@ def place_scanner(pose, mount):
 
 @kernel
 def scan_worlds_kernel(
-    rows, out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range
+    rows, out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, grid, max_range
 ):
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
     for index in range(rows[0], rows[1]):
-        n, row, faces = worlds[index], out[index], np.empty((2, 5))
+        n, row, faces = worlds[index], out[index], np.empty((2, 6))
         row[:] = max_range
         x, y, cos_yaw, sin_yaw = place_scanner(pose[n], mount)
         for wall in range(num_walls[n]):
             cx, cy, hx, hy, cos_box, sin_box = walls[n, wall]
             cast_box(
-                row, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw,
+                row, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
                 cx, cy, hx, hy, cos_box, sin_box,
             )  # fmt: skip
         for pedestrian in range(boxes.shape[1]):
@@ -249,6 +249,6 @@ def scan_worlds_kernel(
             if not math.isnan(turn):
                 cos_box, sin_box = math.cos(turn), math.sin(turn)
                 cast_box(
-                    row, cos, sin, faces, max_range, x, y, cos_yaw, sin_yaw,
+                    row, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
                     cx, cy, hx, hy, cos_box, sin_box,
                 )  # fmt: skip

@@ -25,24 +25,23 @@ def fill(row, value):
 def cast_faces(row, cos, sin, faces, counts, num_boxes):
     """Cast the beams that are this thread's own on the faces listed by all threads.
 
-    ``faces`` [boxes, 2, 5] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
+    ``faces`` [boxes, 2, 6] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
     """
-    num_beams = row.shape[0]
-    for beam in range(cuda.threadIdx.x, num_beams, cuda.blockDim.x):
+    for beam in range(cuda.threadIdx.x, row.shape[0], cuda.blockDim.x):
         for box in range(num_boxes):
             if counts[box] < 0:
                 row[beam] = 0.0
             for index in range(counts[box]):
                 face = faces[box, index]
-                if face[3] <= beam <= face[4] or beam + num_beams <= face[4]:
+                if face[3] <= beam <= face[4] or beam <= face[5]:
                     cast_interval(row, cos, sin, face, beam, beam + 1)
 
 
 @block_per_row(THREADS)
-def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
+def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, grid, max_range):
     """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
     n, lane, width = cuda.blockIdx.x, cuda.threadIdx.x, cuda.blockDim.x
-    faces = cuda.shared.array((THREADS, 2, 5), float64)
+    faces = cuda.shared.array((THREADS, 2, 6), float64)
     counts = cuda.shared.array(THREADS, int32)
     x, y, yaw = pose[n, 0], pose[n, 1], pose[n, 2]
     cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
@@ -53,7 +52,7 @@ def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
             cx, cy, hx, hy, turn = boxes[n, first + lane]
             if not math.isnan(cx + cy + hx + hy + turn):
                 counts[lane] = find_faces(
-                    faces[lane], out.shape[1], max_range, x, y, cos_yaw, sin_yaw,
+                    faces[lane], grid, max_range, x, y, cos_yaw, sin_yaw,
                     cx, cy, hx, hy, math.cos(turn), math.sin(turn),
                 )  # fmt: skip
         cuda.syncthreads()

@@ -39,11 +39,13 @@ def place_pedestrians_kernel(worlds, boxes, route, route_arc, walk, legs, tick, 
 
 
 @block_per_row(THREADS)
-def scan_worlds_kernel(out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, max_range):
+def scan_worlds_kernel(
+    out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, grid, max_range
+):
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
     row, n = out[cuda.blockIdx.x], worlds[cuda.blockIdx.x]
     lane, width = cuda.threadIdx.x, cuda.blockDim.x
-    faces = cuda.shared.array((THREADS, 2, 5), float64)
+    faces = cuda.shared.array((THREADS, 2, 6), float64)
     counts = cuda.shared.array(THREADS, int32)
     x, y, cos_yaw, sin_yaw = place_scanner(pose[n], mount)
     fill(row, max_range)
@@ -54,14 +56,14 @@ def scan_worlds_kernel(out, worlds, pose, mount, walls, num_walls, boxes, cos, s
         if box < num_walls[n]:
             cx, cy, hx, hy, cos_box, sin_box = walls[n, box]
             counts[lane] = find_faces(
-                faces[lane], row.shape[0], max_range, x, y, cos_yaw, sin_yaw,
+                faces[lane], grid, max_range, x, y, cos_yaw, sin_yaw,
                 cx, cy, hx, hy, cos_box, sin_box,
             )  # fmt: skip
         elif box < num_boxes:
             cx, cy, hx, hy, turn = boxes[n, box - num_walls[n]]
             if not math.isnan(turn):
                 counts[lane] = find_faces(
-                    faces[lane], row.shape[0], max_range, x, y, cos_yaw, sin_yaw,
+                    faces[lane], grid, max_range, x, y, cos_yaw, sin_yaw,
                     cx, cy, hx, hy, math.cos(turn), math.sin(turn),
                 )  # fmt: skip
         cuda.syncthreads()
