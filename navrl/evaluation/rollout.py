@@ -17,7 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from navrl import keys
 from navrl.envs import Outcome
-from navrl.evaluation.metrics import Trajectory, measure
+from navrl.evaluation.metrics import METRICS, Metric, Trajectory, measure
 from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.sim import Contact
 from navrl.worlds import KINDS, ScenarioBatch
@@ -77,8 +77,8 @@ class EpisodeRecord:
         num_dynamic: Pedestrians who walk.
         num_static: Pedestrians who stand.
         pedestrian_speed_mps: m/s, mean speed of those who walk; ``None`` without any.
-        metrics: Every metric of :data:`navrl.evaluation.metrics.METRICS` by name; ``None`` where it
-            is not defined, empty after an error.
+        metrics: Every metric that was measured, by name; ``None`` where it is not defined, empty
+            after an error.
     """
 
     index: int
@@ -107,6 +107,7 @@ def evaluate(
     on_chunk: Callable[[int], None] | None = None,
     recorder: Recorder | None = None,
     chunks: Iterable[range] | None = None,
+    metrics: Sequence[Metric] = METRICS,
 ) -> list[EpisodeRecord]:
     """Play each scenario once.
 
@@ -122,6 +123,7 @@ def evaluate(
         recorder: Told of each chunk and its transitions.
         chunks: Which episodes to play side by side; by default all, N at a time
             (:func:`side_by_side`).
+        metrics: Measured of each episode; navrl's own must be among them.
 
     Returns:
         A record per scenario played, in order.
@@ -131,7 +133,7 @@ def evaluate(
     before = env.base_env.set_scenarios(None)
     try:
         for chunk in chunks:
-            records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder)
+            records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder, metrics)
             if on_chunk is not None:
                 on_chunk(len(chunk))
     finally:
@@ -152,6 +154,7 @@ def _play_chunk(
     chunk: range,
     on_step: Callable[[TensorDictBase], None] | None,
     recorder: Recorder | None,
+    metrics: Sequence[Metric],
 ) -> list[EpisodeRecord]:
     """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
 
@@ -170,12 +173,13 @@ def _play_chunk(
             return [_failed(batch, chunk.start, traceback.format_exc())]
         middle = len(chunk) // 2
         halves = chunk[:middle], chunk[middle:]
-        play = partial(_play_chunk, env, policy, scenarios, on_step=on_step, recorder=recorder)
+        watch = {"on_step": on_step, "recorder": recorder, "metrics": metrics}
+        play = partial(_play_chunk, env, policy, scenarios, **watch)
         return [record for half in halves for record in play(chunk=half)]
     trajectory = series.trajectory(env, batch[torch.arange(len(chunk))], len(chunk))
-    metrics = {name: values.tolist() for name, values in measure(trajectory).items()}
+    values = {name: found.tolist() for name, found in measure(trajectory, metrics).items()}
     records = [
-        _record(trajectory, metrics, batch, row, index, solved) for row, index in enumerate(chunk)
+        _record(trajectory, values, batch, row, index, solved) for row, index in enumerate(chunk)
     ]
     if recorder is not None:
         recorder.end(chunk, records)

@@ -13,6 +13,7 @@ from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.factory.environment import num_threads
+from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options, check_suite
 from navrl.factory.policy import bundle_folder, make_evaluated_policy, policy_name
 from navrl.factory.values import flat_values
@@ -47,6 +48,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     attends = bundle is not None and cfg.get("recordings", "none") != "none"
     make = partial(make_evaluated_policy, with_attention=attends)
     determined_by = evaluation_inputs(cfg, policy_parts(cfg))
+    metrics = make_metrics(cfg)
     records = play_suite(cfg, scenarios, folder, make, json.dumps(determined_by))
     summary = summarize(
         records,
@@ -55,11 +57,12 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         suite_hash=suite.hash(scenarios),
         suite_version=suite.version,
         simulator=cfg.simulator["_target_"].rpartition(".")[2],
+        metrics=metrics,
     )
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
     write_errors(folder, records, scenarios)
-    summary = write_results(folder, records, {**summary, **determined_by})
+    summary = write_results(folder, records, {**summary, **determined_by}, metrics)
     finish(folder)
     return summary
 
@@ -67,6 +70,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
 def _check_start(cfg: DictConfig) -> None:
     """Report mistakes here, before scenarios are generated and in this process."""
     check_options(cfg)
+    make_metrics(cfg)
     small = cfg.copy()
     small.num_worlds = 1
     make_evaluated_policy(small).env.close()
