@@ -66,6 +66,7 @@ def summarize(
     simulator: str,
     suite_version: int | None = None,
     metrics: Sequence[Metric] = METRICS,
+    privileged: bool = False,
 ) -> dict:
     """Count outcomes and average the times of successes.
 
@@ -77,6 +78,7 @@ def summarize(
         simulator: Name.
         suite_version: Of the frozen episodes that these are; ``None`` of any others.
         metrics: What was measured of each episode.
+        privileged: Whether the policy reads the true state.
 
     Returns:
         Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; how
@@ -90,6 +92,7 @@ def summarize(
     kinds = sorted({record.scenario for record in records})
     return {
         "policy": policy,
+        "privileged": privileged,
         "suite": suite,
         "suite_hash": suite_hash,
         "suite_version": suite_version,

@@ -19,8 +19,8 @@ from navrl import keys
 from navrl.envs import Outcome
 from navrl.evaluation.metrics import METRICS, Metric, Trajectory, measure
 from navrl.ops.kernels.threads import torch_on_one_thread
-from navrl.sim import Contact
-from navrl.worlds import KINDS, ScenarioBatch
+from navrl.sim import Contact, Simulator
+from navrl.worlds import ScenarioBatch
 
 ERROR = "error"
 """The outcome of an episode that raised: an episode, and no success."""
@@ -127,7 +127,11 @@ def evaluate(
 
     Returns:
         A record per scenario played, in order.
+
+    Raises:
+        ValueError: If the policy needs to know where pedestrians will walk, and they react.
     """
+    check_known_future(policy, env.base_env.simulator)
     records: list[EpisodeRecord] = []
     chunks = side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks
     before = env.base_env.set_scenarios(None)
@@ -139,6 +143,20 @@ def evaluate(
     finally:
         env.base_env.set_scenarios(before)
     return records
+
+
+def check_known_future(policy: object, simulator: Simulator) -> None:
+    """Check that pedestrians keep to their routes if the policy reads these as the future.
+
+    Raises:
+        ValueError: If the pedestrian model is reactive, naming it.
+    """
+    model = simulator.pedestrians
+    if getattr(policy, "needs_known_future", False) and model.is_reactive:
+        raise ValueError(
+            f"pedestrians={type(model).__name__}: must not be reactive, {type(policy).__name__} "
+            "plans with the routes of the scenario; pedestrians=scripted follows them"
+        )
 
 
 def side_by_side(num_episodes: int, num_worlds: int) -> list[range]:
@@ -303,7 +321,7 @@ def _setting(batch: ScenarioBatch, row: int) -> dict:
     present, standing = batch.ped_present[row], batch.ped_static[row]
     speeds = batch.ped_speed[row][present & ~standing]
     return {
-        "scenario": KINDS[int(batch.kind[row])],
+        "scenario": batch.kind_of(row),
         "noise_seed": int(batch.noise_seed[row]),
         "num_dynamic": len(speeds),
         "num_static": int((present & standing).sum()),

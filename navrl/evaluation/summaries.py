@@ -78,6 +78,8 @@ def _rule(name: str) -> tuple[Callable[[object], bool], str]:
         return _is_name, f"text of at most {_MAX_NAME} characters"
     if name == "change":
         return _is_change, "an object of plain values"
+    if name == "privileged":
+        return lambda value: isinstance(value, bool), "true or false"
     if name == "episodes":
         return (
             lambda value: isinstance(value, int) and is_number(value, 1),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -15,10 +16,16 @@ from navrl.evaluation.recording import Recording, record_episode
 from navrl.factory.environment import num_threads
 from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options, check_suite
-from navrl.factory.policy import bundle_folder, make_evaluated_policy, policy_name
+from navrl.factory.policy import (
+    bundle_folder,
+    controller_node,
+    make_evaluated_policy,
+    policy_name,
+)
 from navrl.factory.values import flat_values
 from navrl.jobs.inputs import evaluation_inputs, policy_parts
 from navrl.jobs.playing import finish, play_suite
+from navrl.policies.controller import is_privileged
 from navrl.worlds import Scenario
 
 
@@ -41,12 +48,12 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     Returns:
         The summary.
     """
-    _check_start(cfg)
+    controller = controller_node(cfg.policy)
+    privileged = _check_start(cfg, controller)
     suite = instantiate(cfg.suite)
     scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
-    bundle = bundle_folder(cfg.policy)
-    attends = bundle is not None and cfg.get("recordings", "none") != "none"
-    make = partial(make_evaluated_policy, with_attention=attends)
+    attends = controller is None and cfg.get("recordings", "none") != "none"
+    make = partial(make_evaluated_policy, with_attention=attends, controller=controller)
     determined_by = evaluation_inputs(cfg, policy_parts(cfg))
     metrics = make_metrics(cfg)
     records = play_suite(cfg, scenarios, folder, make, json.dumps(determined_by))
@@ -58,6 +65,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         suite_version=suite.version,
         simulator=cfg.simulator["_target_"].rpartition(".")[2],
         metrics=metrics,
+        privileged=privileged,
     )
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
@@ -67,13 +75,19 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     return summary
 
 
-def _check_start(cfg: DictConfig) -> None:
-    """Report mistakes here, before scenarios are generated and in this process."""
+def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> bool:
+    """Report mistakes here, before scenarios are generated and in this process.
+
+    Returns:
+        Whether the policy reads the true state.
+    """
     check_options(cfg)
     make_metrics(cfg)
     small = cfg.copy()
     small.num_worlds = 1
-    make_evaluated_policy(small).env.close()
+    evaluated = make_evaluated_policy(small, controller=controller)
+    evaluated.env.close()
+    return is_privileged(evaluated.policy)
 
 
 @lru_cache(maxsize=16)
