@@ -240,7 +240,7 @@ class _Series:
             *(value[:count].cpu().numpy() for value in last),
             time_step_s=simulator.time_step_s,
             robot_radius=simulator.robot.radius,
-            max_speed=simulator.robot.max_speed,
+            max_speed=simulator.robot.top_speed,
         )
 
 

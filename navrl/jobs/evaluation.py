@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -49,7 +49,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         The summary.
     """
     controller = controller_node(cfg.policy)
-    privileged = _check_start(cfg, controller)
+    start = _check_start(cfg, controller)
     suite = instantiate(cfg.suite)
     scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
     attends = controller is None and cfg.get("recordings", "none") != "none"
@@ -62,10 +62,10 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         policy=policy_name(cfg),
         suite=suite.name,
         suite_hash=suite.hash(scenarios),
-        suite_version=suite.version,
-        simulator=cfg.simulator["_target_"].rpartition(".")[2],
+        suite_version=None if start.is_reactive else suite.version,
+        simulator=start.simulator,
         metrics=metrics,
-        privileged=privileged,
+        privileged=start.privileged,
     )
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
@@ -75,19 +75,34 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     return summary
 
 
-def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> bool:
-    """Report mistakes here, before scenarios are generated and in this process.
+class _Start(NamedTuple):
+    """What is known of an evaluation before an episode is played.
 
-    Returns:
-        Whether the policy reads the true state.
+    Args:
+        simulator: Name, with that of the pedestrians' model if they react: with other dynamics the
+            episodes are others, so no table has both.
+        is_reactive: Whether they do.
+        privileged: Whether the policy reads the true state.
     """
+
+    simulator: str
+    is_reactive: bool
+    privileged: bool
+
+
+def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
+    """Report mistakes here, before scenarios are generated and in this process."""
     check_options(cfg)
     make_metrics(cfg)
     small = cfg.copy()
     small.num_worlds = 1
     evaluated = make_evaluated_policy(small, controller=controller)
+    simulator = evaluated.env.base_env.simulator
+    name, pedestrians = cfg.simulator["_target_"].rpartition(".")[2], simulator.pedestrians
     evaluated.env.close()
-    return is_privileged(evaluated.policy)
+    if pedestrians.is_reactive:
+        name = f"{name} with {type(pedestrians).__name__}"
+    return _Start(name, pedestrians.is_reactive, is_privileged(evaluated.policy))
 
 
 @lru_cache(maxsize=16)

@@ -94,12 +94,15 @@ def _hash_of(values: Mapping[str, Any]) -> str:
 
 
 def policy_parts(cfg: DictConfig) -> dict[str, Any]:
-    """Return what :func:`policy_hash` takes: a bundle's files or a node.
+    """Return what :func:`policy_hash` takes: a bundle's files, or a node and the files it names.
 
     Raises:
         ValueError: If there is no such policy.
     """
     folder = bundle_folder(cfg.policy)
     if folder is None:
-        return OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+        node = OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+        values = flat_values(OmegaConf.create(node)).values()
+        files = {value: Path(value) for value in values if isinstance(value, str)}
+        return node | {name: file.read_bytes() for name, file in files.items() if file.is_file()}
     return bundle_files(folder)
