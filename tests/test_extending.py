@@ -194,7 +194,9 @@ def test_own_controller(here):
 
 
 def test_own_controller_in_several_processes(here):
-    pages.run(printed("policy=mine"), *TINY_EVALUATION, "num_processes=2", "num_worlds=1")
+    shutil.rmtree("outputs/evaluate/mine", ignore_errors=True)
+    tiny = [word for word in TINY_EVALUATION if word != "num_worlds=2"]
+    pages.run(printed("policy=mine"), *tiny, "num_processes=2", "num_worlds=1")
     assert json.loads(Path("outputs/evaluate/mine/summary.json").read_text())["errors"] == 0
 
 
@@ -212,6 +214,7 @@ def test_own_stable_baselines3_model(here):
     sb3 = pytest.importorskip("stable_baselines3")
     env = gymnasium.make("navrl/Navigation-v0", overrides=["scenario=corridor", "pool_size=2"])
     sb3.PPO("MultiInputPolicy", env, n_steps=2, batch_size=2).save("ppo.zip")
+    shutil.rmtree("outputs/evaluate/mine", ignore_errors=True)
     pages.run(printed("policy=ppo"), *TINY_EVALUATION)
     summary = json.loads(Path("outputs/evaluate/mine/summary.json").read_text())
     assert (summary["policy"], summary["errors"]) == ("ppo", 0)
@@ -222,6 +225,7 @@ def test_own_reactive_pedestrians(here, capsys):
     assert summary["simulator"] == "BatchedSimulator with Fleeing"
     assert (summary["suite_version"], summary["errors"]) == (None, 0)
     with pytest.raises(SystemExit, match="2"):
+        shutil.rmtree("outputs/evaluate/mine")
         pages.run(printed("pedestrians=fleeing"), *TINY_EVALUATION, "policy=oracle")
     assert "pedestrians=Fleeing: must not be reactive" in capsys.readouterr().err
 

@@ -18,6 +18,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 from navrl import keys
 from navrl.envs import Outcome
 from navrl.evaluation.metrics import METRICS, Metric, Trajectory, measure
+from navrl.evaluation.series import Series
 from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.sim import Contact, Simulator
 from navrl.worlds import ScenarioBatch
@@ -204,58 +205,18 @@ def _play_chunk(
     return records
 
 
-class _Series:
-    """What metrics need of each step of N worlds."""
-
-    def __init__(self, carrier: TensorDictBase) -> None:
-        self._pose = [carrier[keys.POSE]]
-        self._pedestrians = [carrier[keys.PEDESTRIAN_BOXES]]
-        self._steps = torch.zeros(len(carrier), dtype=torch.int64, device=carrier.device)
-        self._outcome, self._contact = self._steps, self._steps
-        self.running = torch.ones_like(self._steps, dtype=torch.bool)
-
-    def add(self, stepped: TensorDictBase) -> None:
-        """Add a step; worlds that have ended stay ended."""
-        following = stepped["next"]
-        self._pose.append(following[keys.POSE])
-        self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
-        self._steps = self._steps + self.running
-        ends = self.running & following["done"].squeeze(-1)
-        self._outcome = torch.where(ends, following[keys.OUTCOME].squeeze(-1), self._outcome)
-        self._contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), self._contact)
-        self.running = self.running & ~ends
-
-    def trajectory(self, env: TransformedEnv, scenarios: ScenarioBatch, count: int) -> Trajectory:
-        """Return the first ``count`` worlds' episodes."""
-        simulator = env.base_env.simulator
-        pose, pedestrians = (
-            torch.stack(series, dim=1)[:count].cpu().numpy()
-            for series in (self._pose, self._pedestrians)
-        )
-        last = (self._steps, self._outcome, self._contact)
-        return Trajectory.from_series(
-            scenarios,
-            pose,
-            pedestrians,
-            *(value[:count].cpu().numpy() for value in last),
-            time_step_s=simulator.time_step_s,
-            robot_radius=simulator.robot.radius,
-            max_speed=simulator.robot.top_speed,
-        )
-
-
 def _play(
     env: TransformedEnv,
     policy: Callable[[TensorDictBase], TensorDictBase],
     batch: ScenarioBatch,
     watchers: Sequence[Callable[[TensorDictBase], None]],
-) -> tuple[_Series, Tensor | None]:
+) -> tuple[Series, Tensor | None]:
     env.base_env.set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         with torch_on_one_thread():
             carrier = env.reset()
-        series = _Series(carrier)
+        series = Series(carrier)
         while bool(series.running.any()):
             decided = policy(carrier)
             _check_action(decided[keys.ACTION], series.running)
