@@ -225,8 +225,8 @@ def test_own_reactive_pedestrians(here, capsys):
     summary = evaluate("pedestrians=fleeing")
     assert summary["simulator"] == "BatchedSimulator with Fleeing"
     assert (summary["suite_version"], summary["errors"]) == (None, 0)
+    shutil.rmtree("outputs/evaluate/mine")
     with pytest.raises(SystemExit, match="2"):
-        shutil.rmtree("outputs/evaluate/mine")
         pages.run(printed("pedestrians=fleeing"), *TINY_EVALUATION, "policy=oracle")
     assert "pedestrians=Fleeing: must not be reactive" in capsys.readouterr().err
 
