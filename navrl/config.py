@@ -70,6 +70,17 @@ def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:
         return hydra.compose(config_name, list(overrides))
 
 
+def options(group: str) -> list[str]:
+    """Return the names that a configuration group offers, a user's own among them.
+
+    Inside a command its search path counts (``--config-dir``, ``hydra.searchpath``), else navrl's
+    own configurations.
+    """
+    if GlobalHydra.instance().is_initialized():
+        return sorted(set(GlobalHydra.instance().config_loader().get_group_options(group)))
+    return sorted(path.stem for path in (CONF_DIR / group).glob("*.yaml"))
+
+
 def instantiate(node: Any, **kwargs: Any) -> Any:
     """Call a node's ``_target_``; lists and dicts below it are plain Python ones."""
     return hydra.utils.instantiate(node, _convert_="all", **kwargs)

@@ -1,12 +1,15 @@
 """The page on extending is complete: what it prints, put into files, trains as it says."""
 
+import importlib
 import json
 import math
 import shlex
 import shutil
 import sys
 from pathlib import Path
+from unittest import mock
 
+import gymnasium
 import pages
 import pytest
 import torch
@@ -14,6 +17,7 @@ from omegaconf import OmegaConf
 
 from navrl import factory
 from navrl.config import compose, instantiate
+from navrl.deploy import PolicyRunner
 from navrl.factory.environment import make_training_env
 
 PAGE = pages.ROOT / "docs" / "extending.md"
@@ -52,12 +56,16 @@ def train(chosen, *more):
     return run
 
 
+TINY_EVALUATION = (
+    *("suite.num_episodes=2", "num_worlds=2", "environment.time_limit_steps=4"),
+    *("progress_bar=false", "hydra.run.dir=outputs/evaluate/mine"),
+)
+
+
 def evaluate(last_word):
     """Run the printed command on two short episodes; return its summary."""
-    tiny = ["suite.num_episodes=2", "num_worlds=2", "environment.time_limit_steps=4"]
-    tiny += ["progress_bar=false", "hydra.run.dir=outputs/evaluate/mine"]
     shutil.rmtree("outputs/evaluate/mine", ignore_errors=True)
-    pages.run(printed(last_word), *tiny)
+    pages.run(printed(last_word), *TINY_EVALUATION)
     return json.loads(Path("outputs/evaluate/mine/summary.json").read_text())
 
 
@@ -84,10 +92,11 @@ def test_every_file_is_asked_for_by_a_command():
         if name.startswith("my_conf/"):
             _, group, file = name.removesuffix(".yaml").split("/")
             by_experiment = any(f"override /{group}: {file}\n" in text for text in texts.values())
-            assert f"{group}={file}" in chosen or by_experiment, name
+            key = "policy" if group == "controller" else group
+            assert f"{key}={file}" in chosen or by_experiment, name
         else:
             module = name.removesuffix(".py").replace("/", ".")
-            assert any(f"{module}." in text for text in texts.values()), name
+            assert any(f"{module}." in text for text in (*texts.values(), chosen)), name
 
 
 def test_own_transform(here):
@@ -98,7 +107,7 @@ def test_own_transform(here):
     hidden = slice(math.ceil(700 / 8), 740 // 8)  # bins of nothing but hidden beams
     assert not td["returns"][:, hidden].any()
     assert td["returns"].any()
-    assert evaluate("allow=[my_package]")["policy"] == "mast"
+    assert evaluate("policy=outputs/train/mast")["policy"] == "mast"
 
 
 def test_own_world(here, capsys):
@@ -109,7 +118,7 @@ def test_own_world(here, capsys):
     cfg, _ = finished(here / train("experiment=hall"))
     assert cfg.suite.name == "hall"
     assert {scenario.kind for scenario in instantiate(cfg.suite).scenarios()} == {"hall"}
-    assert evaluate("suite=hall")["by_scenario"].keys() == {"other"}
+    assert evaluate("suite=hall")["by_scenario"].keys() == {"hall"}
 
 
 def test_own_robot(here):
@@ -155,6 +164,81 @@ def test_own_reward_term(here):
     td = env.rand_action(env.reset()).set("action", env.action_spec.zero() - 1.0)  # v = 0
     terms = env.step(td)["next", "reward_terms"]
     assert terms["dawdling"].flatten().tolist() == pytest.approx([-0.05] * 2)
+
+
+def test_own_algorithm(here):
+    run = here / train("algorithm=sac")
+    cfg, columns = finished(run)
+    assert cfg.algorithm._target_ == "my_package.sac.SAC"
+    assert {"loss_alpha", "loss_qvalue"} <= {column.rpartition("/")[2] for column in columns}
+
+
+def test_algorithm_without_the_members_is_refused(here, capsys):
+    words = ["algorithm._target_=builtins.dict", *pages.TINY_TRAINING]
+    with pytest.raises(SystemExit, match="2"):
+        pages.run(printed("algorithm=sac"), *words)
+    assert "algorithm=dict: must have anneal, load_state_dict, precision, state_dict" in (
+        capsys.readouterr().err
+    )
+
+
+def test_own_metric(here):
+    metrics = evaluate("+metrics.mine._target_=my_package.metrics.backtracking")["metrics"]
+    assert metrics["backtracking_m"]["all"]["n"] == 2
+    header = Path("outputs/evaluate/mine/episodes.csv").read_text().partition("\n")[0].split(",")
+    assert header[-2:] == ["backtracking_m", "error"]
+
+
+def test_own_controller(here):
+    summary = evaluate("policy=mine")
+    assert (summary["policy"], summary["errors"], summary["privileged"]) == ("mine", 0, False)
+
+
+def test_own_controller_in_several_processes(here):
+    shutil.rmtree("outputs/evaluate/mine", ignore_errors=True)
+    tiny = [word for word in TINY_EVALUATION if word != "num_worlds=2"]
+    pages.run(printed("policy=mine"), *tiny, "num_processes=2", "num_worlds=1")
+    assert json.loads(Path("outputs/evaluate/mine/summary.json").read_text())["errors"] == 0
+
+
+def test_own_function_is_compared_with_paper(here, capsys):
+    for name in ("plain", "paper"):
+        pages.run(printed(f"hydra.run.dir=outputs/evaluate/{name}"), *TINY_EVALUATION[:-1])
+    (command,) = [line for line in COMMANDS if line.endswith("paper outputs/evaluate/plain")]
+    words = shlex.split(command)
+    with mock.patch.object(sys, "argv", words):
+        importlib.import_module("navrl.cli.compare").main()
+    assert "| `plain` |" in capsys.readouterr().out
+
+
+def test_own_stable_baselines3_model(here):
+    sb3 = pytest.importorskip("stable_baselines3")
+    env = gymnasium.make("navrl/Navigation-v0", overrides=["scenario=corridor", "pool_size=2"])
+    sb3.PPO("MultiInputPolicy", env, n_steps=2, batch_size=2).save("ppo.zip")
+    shutil.rmtree("outputs/evaluate/mine", ignore_errors=True)
+    pages.run(printed("policy=ppo"), *TINY_EVALUATION)
+    summary = json.loads(Path("outputs/evaluate/mine/summary.json").read_text())
+    assert (summary["policy"], summary["errors"]) == ("ppo", 0)
+
+
+def test_own_reactive_pedestrians(here, capsys):
+    summary = evaluate("pedestrians=fleeing")
+    assert summary["simulator"] == "BatchedSimulator with Fleeing"
+    assert (summary["suite_version"], summary["errors"]) == (None, 0)
+    shutil.rmtree("outputs/evaluate/mine")
+    with pytest.raises(SystemExit, match="2"):
+        pages.run(printed("pedestrians=fleeing"), *TINY_EVALUATION, "policy=oracle")
+    assert "pedestrians=Fleeing: must not be reactive" in capsys.readouterr().err
+
+
+def test_own_base(here):
+    run = here / train("robot=omni")
+    finished(run)
+    summary = evaluate("policy=outputs/train/omni")
+    assert (summary["policy"], summary["errors"]) == ("omni", 0)
+    runner = PolicyRunner.from_bundle(run / "policy", ["my_package"])
+    command = runner.act(torch.full((1440,), 2.0), (0.0, 0.0, 0.0), [(0, 0), (4, 0)])
+    assert command.shape == (3,) and abs(command).max() > 0
 
 
 def test_a_mistake_in_an_own_file_is_answered_in_a_line(here, capsys):

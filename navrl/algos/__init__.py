@@ -1,7 +1,17 @@
 """Learning algorithms on TorchRL's losses."""
 
-from navrl.algos.ddpg import DDPG, NonFiniteUpdateError
+from navrl.algos.ddpg import DDPG
 from navrl.algos.exploration import GaussianExploration
+from navrl.algos.precision import Precision
+from navrl.algos.protocols import Algorithm, Exploration, NonFiniteUpdateError
 from navrl.algos.td3 import TD3
 
-__all__ = ["DDPG", "TD3", "GaussianExploration", "NonFiniteUpdateError"]
+__all__ = [
+    "DDPG",
+    "TD3",
+    "Algorithm",
+    "Exploration",
+    "GaussianExploration",
+    "NonFiniteUpdateError",
+    "Precision",
+]

@@ -17,20 +17,7 @@ from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
 from navrl.algos.bound_losses import BoundDDPGLoss
 from navrl.algos.cuda_graph import CapturedUpdates, Move
 from navrl.algos.precision import Precision
-
-
-class NonFiniteUpdateError(FloatingPointError):
-    """A loss or gradient is NaN or infinite; raised before any weight changes.
-
-    Args:
-        terms: The scalars of the update.
-        batch: The transitions that led to it.
-    """
-
-    def __init__(self, terms: dict[str, Tensor], batch: TensorDictBase) -> None:
-        values = ", ".join(f"{name}={float(value):g}" for name, value in terms.items())
-        super().__init__(f"the update is not finite: {values}")
-        self.terms, self.batch = terms, batch
+from navrl.algos.protocols import NonFiniteUpdateError
 
 
 class DDPG:

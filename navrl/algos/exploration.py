@@ -22,7 +22,8 @@ class GaussianExploration:
         sigma_initial: Noise scale at the first frame, in normalised units.
         sigma_final: Noise scale from ``annealing_frames`` on.
         annealing_frames: Frames over which the scale moves from the first to the second.
-        std: Standard deviation of each action dimension ``(v, w)``, multiplied by the scale.
+        std: Standard deviation of each action dimension, or one number for all of them, multiplied
+            by the scale.
 
     Raises:
         ValueError: If a scale or deviation is negative, or ``annealing_frames`` is not positive.
@@ -37,17 +38,17 @@ class GaussianExploration:
         sigma_initial: float = 0.3,
         sigma_final: float = 0.1,
         annealing_frames: int = 1_000_000,
-        std: Sequence[float] = (1.0, 1.0),
+        std: float | Sequence[float] = 1.0,
     ) -> None:
-        if min(sigma_initial, sigma_final, *std) < 0 or annealing_frames <= 0:
+        deviations = list(std) if isinstance(std, Sequence) else [std]
+        if min(sigma_initial, sigma_final, *deviations) < 0 or annealing_frames <= 0:
             raise ValueError(
-                f"sigma_initial={sigma_initial}, sigma_final={sigma_final}, std={list(std)}: must "
+                f"sigma_initial={sigma_initial}, sigma_final={sigma_final}, std={std}: must "
                 f"be >= 0; annealing_frames={annealing_frames}: must be > 0"
             )
         self.sigma_initial, self.sigma_final = sigma_initial, sigma_final
         self.annealing_frames = annealing_frames
-        self.action_size = len(std)
-        self._std = torch.tensor(list(std), dtype=torch.float32)
+        self._std = torch.tensor(deviations, dtype=torch.float32)
 
     def sigma(self, frames: int) -> float:
         """Return the noise scale after ``frames`` environment steps."""
@@ -59,6 +60,11 @@ class GaussianExploration:
         if exploration_type() not in (ExplorationType.RANDOM, None):
             return tensordict
         action = tensordict.get(keys.ACTION).detach()
+        if len(self._std) not in (1, action.shape[-1]):
+            raise ValueError(
+                f"std={self._std.tolist()}: must be one number, or one for each of the "
+                f"{action.shape[-1]} dimensions of the action"
+            )
         if self._std.device != action.device:
             self._std = self._std.to(action.device)
         noise = torch.randn_like(action) * self._std * self.sigma(frames)

@@ -120,10 +120,10 @@ class PolicyRunner:
                 between calls only together with :meth:`reset`: progress along it is remembered.
 
         Returns:
-            ``[2]`` float32 (v, w), m/s and rad/s, within the robot's limits; to be driven until the
-            next scan, 0.2 s later in training. Zero unless :attr:`state` is ``DRIVE``. What the
-            robot sensed is not remembered while it is blind or off its path, nor after a bad
-            command.
+            ``[C]`` float32 within the robot's limits, e.g. (v, w) in m/s and rad/s; to be driven
+            until the next scan, 0.2 s later in training. Zero unless :attr:`state` is ``DRIVE``.
+            What the robot sensed is not remembered while it is blind or off its path, nor after a
+            bad command.
 
         Raises:
             ValueError: If a shape does not fit, if pose or path is not finite, or if the yaw is
@@ -132,7 +132,11 @@ class PolicyRunner:
         self.state = None  # until a decision is made
         sensed = self._checked(ranges, pose, path)
         command, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
-        return command if self.state is DriveState.DRIVE else np.zeros(2, dtype=np.float32)
+        return (
+            command
+            if self.state is DriveState.DRIVE
+            else np.zeros(self._robot.command_size, dtype=np.float32)
+        )
 
     def _decide(
         self, sensed: TensorDictBase, state: DriveState

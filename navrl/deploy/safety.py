@@ -15,7 +15,7 @@ import torch
 
 from navrl.ops.beams import RETURN_MARGIN_M
 from navrl.ops.path import project_onto_path
-from navrl.sim import DifferentialDrive, Lidar
+from navrl.sim import Lidar, RobotModel
 
 _MAX_YAW = 2.0 * math.pi  # rad; an angle in degrees exceeds it within a few degrees of turning
 
@@ -102,15 +102,15 @@ class ScanCheck:
 
     Args:
         lidar: Number of beams, largest range, and mount of the scans.
-        robot: Its radius, and whether it may reverse.
+        robot: Its radius, and the bearings that it drives towards.
         limits: Limits for a blind scan.
     """
 
-    def __init__(self, lidar: Lidar, robot: DifferentialDrive, limits: SafetyLimits) -> None:
+    def __init__(self, lidar: Lidar, robot: RobotModel, limits: SafetyLimits) -> None:
         self._limits = limits
         self._max_range, self._radius = np.float32(lidar.max_range), np.float32(robot.radius)
         bearing = lidar.beam_angles().numpy() + lidar.mount[2]
-        sides = [0.0, math.pi] if robot.min_speed < 0.0 else [0.0]
+        sides = robot.travel_bearings
         self._sectors = [_beams_within(bearing, side, limits.sector) for side in sides]
         self._max_gap_beams = limits.max_gap / abs(lidar.increment)
 
@@ -176,11 +176,11 @@ def check_yaw(yaw: float) -> None:
         raise ValueError(f"pose: yaw={yaw:g}: must be in rad, wrapped to [-2 pi, 2 pi]")
 
 
-def safe_command(command: np.ndarray, robot: DifferentialDrive) -> np.ndarray | None:
+def safe_command(command: np.ndarray, robot: RobotModel) -> np.ndarray | None:
     """Return the command within the robot's limits, or ``None`` if it is not finite.
 
     Args:
-        command: ``[2]`` float32 (v, w), m/s and rad/s.
+        command: ``[C]`` float32, e.g. (v, w) in m/s and rad/s.
         robot: Its limits.
     """
     if not np.isfinite(command).all():

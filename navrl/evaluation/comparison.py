@@ -15,7 +15,12 @@ from navrl.evaluation.pairing import (
     finished_by_all,
     success_difference,
 )
-from navrl.evaluation.reference import cheats, check_reference, default_reference, reference_of
+from navrl.evaluation.reference import (
+    check_reference,
+    default_reference,
+    is_privileged,
+    reference_of,
+)
 from navrl.evaluation.seeds import SeedSummary, over_seeds, split_seed
 from navrl.evaluation.statistics import Estimate, bootstrap_mean, holm, wilson_interval
 from navrl.evaluation.stored import Evaluation, check_same_episodes, find_evaluations
@@ -249,7 +254,7 @@ def _row(
         p_holm=None,  # of the whole table
         metrics=metrics,
         published=published.get(split_seed(label)[0], {}),
-        cheats=cheats(evaluation),
+        cheats=is_privileged(evaluation),
         folder=str(evaluation.folder),
     )
 

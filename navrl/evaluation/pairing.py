@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from navrl.evaluation.metrics import METRICS, OF_ERROR
+from navrl.evaluation.metrics import METRICS, Metric
 from navrl.evaluation.rollout import ERROR
 from navrl.evaluation.statistics import (
     Estimate,
@@ -18,35 +18,15 @@ from navrl.evaluation.statistics import (
 )
 from navrl.evaluation.stored import Evaluation, check_same_episodes
 
-COLLISIONS = ("collision_wall", "collision_furniture", "moved_into_pedestrian", "run_into")
+COLLISIONS = tuple(m.name for m in METRICS if m.is_ending and m.compared)
 """What was touched, and who moved into whom: rates that sum to that of collisions."""
 
-COMPARED = (
-    *COLLISIONS,
-    "time_to_goal_s",
-    "path_length_m",
-    "spl",
-    "stl",
-    "stalled_time_s",
-    "time_without_progress_s",
-    "mean_speed_mps",
-    "mean_acceleration_mps2",
-    "mean_jerk_mps3",
-    "heading_change_rad",
-    "min_pedestrian_distance_m",
-    "mean_pedestrian_distance_m",
-    "beyond_0.45m_share",
-    "beyond_1.2m_share",
-    "min_time_to_collision_s",
-)
-"""Metrics in comparisons; success, collision and timeout are compared apart."""
-
-_OF_FINISHED = ("time_to_goal_s", "path_length_m", "stalled_time_s", "time_without_progress_s")
-_OF_FINISHED = (*_OF_FINISHED, "heading_change_rad")  # grow with the episode, so need a goal
 _LATENCIES = ("median_ms", "p95_ms")
-COMPARABLE = (*COMPARED, *(f"latency_{name}" for name in _LATENCIES))
-"""Names of all metrics in comparisons."""
-_UNITS = {metric.name: metric.unit for metric in METRICS}
+COMPARABLE = (
+    *(m.name for m in METRICS if m.compared),
+    *(f"latency_{name}" for name in _LATENCIES),
+)
+"""navrl's metrics in comparisons; success, collision and timeout are compared apart."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +37,11 @@ class MetricComparison:
         name: Column of ``episodes.csv``; ``latency_median_ms`` and ``latency_p95_ms`` are those of
             ``latency.json``, as ``own`` without interval, and ``n`` is of decisions.
         unit: SI.
+        better: ``higher`` or ``lower``; empty where neither is.
         over: ``successes`` of what grows with an episode's length, ``decisions`` of latencies,
             ``episodes`` of the rest.
         own: Mean over the run's own successes or episodes, with its bootstrap interval; of
-            :data:`COLLISIONS` with its Wilson interval.
+            rates with its Wilson interval.
         common: The same over the episodes that all compared runs finish; of all runs the same ones.
             Nothing of collisions, which those have none of.
         difference: Mean of the run less the reference over the episodes where both have a value
@@ -70,6 +51,7 @@ class MetricComparison:
 
     name: str
     unit: str
+    better: str
     over: str
     own: Estimate
     common: Estimate
@@ -92,7 +74,7 @@ def finished_by_all(evaluations: Sequence[Evaluation]) -> set[int]:
 def compare_metrics(
     evaluation: Evaluation, reference: Evaluation | None, finished: set[int]
 ) -> list[MetricComparison]:
-    """Compare every metric of :data:`COMPARED` that the run has.
+    """Compare every metric that is to be compared and that the run has, the user's last.
 
     Args:
         evaluation: The run.
@@ -104,7 +86,8 @@ def compare_metrics(
     """
     if reference is not None:
         check_same_episodes([reference, evaluation])
-    found = [_compare(name, evaluation, reference, finished) for name in COMPARED]
+    compared = [metric for metric in evaluation.metrics if metric.compared]
+    found = [_compare(metric, evaluation, reference, finished) for metric in compared]
     return [comparison for comparison in found if comparison.own.n] + _latencies(evaluation)
 
 
@@ -137,6 +120,7 @@ def _latencies(evaluation: Evaluation) -> list[MetricComparison]:
         MetricComparison(
             name=f"latency_{name}",
             unit="ms",
+            better="lower",
             over="decisions",
             own=Estimate(found[name], math.nan, math.nan, found["calls"]),
             common=bootstrap_mean([]),
@@ -147,29 +131,31 @@ def _latencies(evaluation: Evaluation) -> list[MetricComparison]:
 
 
 def _compare(
-    name: str, evaluation: Evaluation, reference: Evaluation | None, finished: set[int]
+    metric: Metric, evaluation: Evaluation, reference: Evaluation | None, finished: set[int]
 ) -> MetricComparison:
-    own = _values(name, evaluation)
-    difference, is_rate = None, name in COLLISIONS
+    own, difference = _values(metric, evaluation), None
     if reference is not None:
-        theirs = _values(name, reference)
+        theirs = _values(metric, reference)
         both = sorted(own.keys() & theirs.keys())
         difference = paired_difference([own[i] for i in both], [theirs[i] for i in both])
+    estimate = _rate if metric.is_rate else bootstrap_mean
+    common = [] if metric.name in COLLISIONS else [own[i] for i in sorted(finished & own.keys())]
     return MetricComparison(
-        name=name,
-        unit=_UNITS[name],
-        over="successes" if name in _OF_FINISHED else "episodes",
-        own=_rate(list(own.values())) if is_rate else bootstrap_mean(list(own.values())),
-        common=bootstrap_mean([own[i] for i in sorted(finished & own.keys()) if not is_rate]),
+        name=metric.name,
+        unit=metric.unit,
+        better=metric.better,
+        over=metric.over,
+        own=estimate(list(own.values())),
+        common=estimate(common) if common else bootstrap_mean([]),
         difference=difference,
     )
 
 
-def _values(name: str, evaluation: Evaluation) -> Mapping[int, float]:
-    values = evaluation.finite(name)
-    if name in OF_ERROR and values:  # files from before errors had values have empty cells there
+def _values(metric: Metric, evaluation: Evaluation) -> Mapping[int, float]:
+    values = evaluation.finite(metric.name)
+    if metric.of_error is not None and values:  # older files have empty cells after an error
         raised = [i for i, row in evaluation.episodes.items() if row["outcome"] == ERROR]
-        return values | {index: OF_ERROR[name] for index in raised}
-    if name in _OF_FINISHED:
+        values = values | dict.fromkeys(raised, metric.of_error)
+    if metric.over == "successes":
         return {index: value for index, value in values.items() if evaluation.success[index]}
     return values

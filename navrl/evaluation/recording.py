@@ -35,7 +35,7 @@ OBSERVED = {  # feature shape after time; None is any size
     keys.WAYPOINTS: (None, 2),
 }
 DECIDED = {
-    keys.ACTION: (2,),
+    keys.ACTION: (None,),
     keys.SPATIAL_ATTENTION: (None,),
     keys.TEMPORAL_ATTENTION: (None,),
 }
@@ -67,7 +67,7 @@ class Recording:
         tagd: ``[T + 1, N_c, 4]`` m, (c_{t-1}, c_t), robot frame.
         tagd_valid: ``[T + 1, N_c, 2]`` bool, which halves are real.
         waypoints: ``[T + 1, N_f, 2]`` m, robot frame.
-        action: ``[T, 2]`` physical command (v, w), m/s and rad/s.
+        action: ``[T, C]`` physical command, e.g. (v, w) in m/s and rad/s.
         spatial_attention: ``[T, N_b]``, sums to 1.
         temporal_attention: ``[T, N_c]``, sums to 1.
         reward_terms: ``[T]`` weighted contribution of each term, by name.

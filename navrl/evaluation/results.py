@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from navrl.envs import Outcome
-from navrl.evaluation.metrics import METRICS, OF_ERROR
+from navrl.evaluation.metrics import METRICS, Metric, values_of_error
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.evaluation.statistics import bootstrap_mean, wilson_interval
 from navrl.files import csv_text, write_json, write_text
@@ -37,10 +37,16 @@ _COLUMNS = (
     "num_static",
     "pedestrian_speed_mps",
 )
-COLUMNS = (*_COLUMNS, *(m.name for m in METRICS if m.name not in _COLUMNS), "error")
-"""Of ``episodes.csv``; more may be added before ``error``, so find them by name."""
-_FLAGS = {metric.name for metric in METRICS if metric.is_rate}
 _RATES = ("success", "collision", "timeout", "collision_pedestrian", "collision_static")
+
+
+def columns(metrics: Sequence[Metric] = METRICS) -> tuple[str, ...]:
+    """Return the columns of ``episodes.csv``; more may be added before ``error``."""
+    return (*_COLUMNS, *(m.name for m in metrics if m.name not in _COLUMNS), "error")
+
+
+COLUMNS = columns()
+"""Of ``episodes.csv`` with navrl's metrics alone; find them by name."""
 
 
 def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
@@ -59,6 +65,8 @@ def summarize(
     suite_hash: str,
     simulator: str,
     suite_version: int | None = None,
+    metrics: Sequence[Metric] = METRICS,
+    privileged: bool = False,
 ) -> dict:
     """Count outcomes and average the times of successes.
 
@@ -69,6 +77,8 @@ def summarize(
         suite_hash: Of its scenarios.
         simulator: Name.
         suite_version: Of the frozen episodes that these are; ``None`` of any others.
+        metrics: What was measured of each episode.
+        privileged: Whether the policy reads the true state.
 
     Returns:
         Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; how
@@ -82,63 +92,83 @@ def summarize(
     kinds = sorted({record.scenario for record in records})
     return {
         "policy": policy,
+        "privileged": privileged,
         "suite": suite,
         "suite_hash": suite_hash,
         "suite_version": suite_version,
         "simulator": simulator,
         **_rates(records),
-        "metrics": summarize_metrics(records),
+        "metrics": summarize_metrics(records, metrics),
         "by_scenario": {kind: _rates([r for r in records if r.scenario == kind]) for kind in kinds},
     }
 
 
-def summarize_metrics(records: Sequence[EpisodeRecord]) -> dict:
+def summarize_metrics(
+    records: Sequence[EpisodeRecord], metrics: Sequence[Metric] = METRICS
+) -> dict:
     """Summarise every metric over all episodes played and over the successes alone.
 
     Args:
         records: Episodes; one that raised an error is in every rate, ``spl`` and ``stl`` as
             :data:`navrl.evaluation.metrics.OF_ERROR` says, and in no other metric.
+        metrics: What was measured of each episode.
 
     Returns:
         For each metric its ``unit``, which is ``better``, and for ``all`` and ``successes``: ``n``,
         how many episodes have a finite value; their ``mean`` with its 95 % ``interval`` (Wilson of
         what is 0 or 1, else :func:`navrl.evaluation.bootstrap_mean`; ``None`` where that has none)
-        and their ``median``; ``None`` of none.
+        and their ``median``; ``None`` of none. A metric of the user's own comes with all of
+        :meth:`navrl.evaluation.metrics.Metric.facts`.
     """
+    raised = values_of_error(metrics)
     groups = {
-        "all": [_metrics(r) for r in records],
-        "successes": [_metrics(r) for r in records if r.outcome == "success"],
+        "all": [_values(r, raised) for r in records],
+        "successes": [_values(r, raised) for r in records if r.outcome == "success"],
     }
     return {
         metric.name: {
             "unit": metric.unit,
             "better": metric.better,
+            **({} if metric in METRICS else metric.facts()),
             **{
                 group: _summary([values.get(metric.name) for values in rows], metric.is_rate)
                 for group, rows in groups.items()
             },
         }
-        for metric in METRICS
+        for metric in metrics
     }
 
 
-def write_results(folder: Path, records: Sequence[EpisodeRecord], summary: dict) -> dict:
+def write_results(
+    folder: Path,
+    records: Sequence[EpisodeRecord],
+    summary: dict,
+    metrics: Sequence[Metric] = METRICS,
+) -> dict:
     """Write ``episodes.csv`` and, once that is whole, ``summary.json`` into ``folder``.
+
+    Args:
+        folder: Of the evaluation.
+        records: Every episode.
+        summary: What :func:`summarize` returned.
+        metrics: What was measured of each episode.
 
     Returns:
         The summary as it is written: with ``episodes_hash``, SHA-256 of the former file.
     """
-    values = ({**_metrics(record), **vars(record)} for record in records)
-    rows = ({name: _cell(row.get(name), name in _FLAGS) for name in COLUMNS} for row in values)
-    text = csv_text(COLUMNS, rows)
+    raised, flags = values_of_error(metrics), {m.name for m in metrics if m.is_rate}
+    values = ({**_values(record, raised), **vars(record)} for record in records)
+    header = columns(metrics)
+    rows = ({name: _cell(row.get(name), name in flags) for name in header} for row in values)
+    text = csv_text(header, rows)
     summary = {**summary, "episodes_hash": hashlib.sha256(text.encode()).hexdigest()}
     write_text(folder / EPISODES, text)
     write_json(folder / SUMMARY, summary, indent=2)
     return summary
 
 
-def _metrics(record: EpisodeRecord) -> Mapping[str, float | None]:
-    return OF_ERROR if record.outcome == ERROR else record.metrics
+def _values(record: EpisodeRecord, of_error: Mapping[str, float]) -> Mapping[str, float | None]:
+    return of_error if record.outcome == ERROR else record.metrics
 
 
 def _rates(records: Sequence[EpisodeRecord]) -> dict:

@@ -17,10 +17,11 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from navrl import keys
 from navrl.envs import Outcome
-from navrl.evaluation.metrics import Trajectory, measure
+from navrl.evaluation.metrics import METRICS, Metric, Trajectory, measure
+from navrl.evaluation.series import Series
 from navrl.ops.kernels.threads import torch_on_one_thread
-from navrl.sim import Contact
-from navrl.worlds import KINDS, ScenarioBatch
+from navrl.sim import Contact, Simulator
+from navrl.worlds import ScenarioBatch
 
 ERROR = "error"
 """The outcome of an episode that raised: an episode, and no success."""
@@ -77,8 +78,8 @@ class EpisodeRecord:
         num_dynamic: Pedestrians who walk.
         num_static: Pedestrians who stand.
         pedestrian_speed_mps: m/s, mean speed of those who walk; ``None`` without any.
-        metrics: Every metric of :data:`navrl.evaluation.metrics.METRICS` by name; ``None`` where it
-            is not defined, empty after an error.
+        metrics: Every metric that was measured, by name; ``None`` where it is not defined, empty
+            after an error.
     """
 
     index: int
@@ -107,6 +108,7 @@ def evaluate(
     on_chunk: Callable[[int], None] | None = None,
     recorder: Recorder | None = None,
     chunks: Iterable[range] | None = None,
+    metrics: Sequence[Metric] = METRICS,
 ) -> list[EpisodeRecord]:
     """Play each scenario once.
 
@@ -122,21 +124,40 @@ def evaluate(
         recorder: Told of each chunk and its transitions.
         chunks: Which episodes to play side by side; by default all, N at a time
             (:func:`side_by_side`).
+        metrics: Measured of each episode; navrl's own must be among them.
 
     Returns:
         A record per scenario played, in order.
+
+    Raises:
+        ValueError: If the policy needs to know where pedestrians will walk, and they react.
     """
+    check_known_future(policy, env.base_env.simulator)
     records: list[EpisodeRecord] = []
     chunks = side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks
     before = env.base_env.set_scenarios(None)
     try:
         for chunk in chunks:
-            records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder)
+            records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder, metrics)
             if on_chunk is not None:
                 on_chunk(len(chunk))
     finally:
         env.base_env.set_scenarios(before)
     return records
+
+
+def check_known_future(policy: object, simulator: Simulator) -> None:
+    """Check that pedestrians keep to their routes if the policy reads these as the future.
+
+    Raises:
+        ValueError: If the pedestrian model is reactive, naming it.
+    """
+    model = simulator.pedestrians
+    if getattr(policy, "needs_known_future", False) and model.is_reactive:
+        raise ValueError(
+            f"pedestrians={type(model).__name__}: must not be reactive, {type(policy).__name__} "
+            "plans with the routes of the scenario; pedestrians=scripted follows them"
+        )
 
 
 def side_by_side(num_episodes: int, num_worlds: int) -> list[range]:
@@ -152,6 +173,7 @@ def _play_chunk(
     chunk: range,
     on_step: Callable[[TensorDictBase], None] | None,
     recorder: Recorder | None,
+    metrics: Sequence[Metric],
 ) -> list[EpisodeRecord]:
     """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
 
@@ -170,56 +192,17 @@ def _play_chunk(
             return [_failed(batch, chunk.start, traceback.format_exc())]
         middle = len(chunk) // 2
         halves = chunk[:middle], chunk[middle:]
-        play = partial(_play_chunk, env, policy, scenarios, on_step=on_step, recorder=recorder)
+        watch = {"on_step": on_step, "recorder": recorder, "metrics": metrics}
+        play = partial(_play_chunk, env, policy, scenarios, **watch)
         return [record for half in halves for record in play(chunk=half)]
     trajectory = series.trajectory(env, batch[torch.arange(len(chunk))], len(chunk))
-    metrics = {name: values.tolist() for name, values in measure(trajectory).items()}
+    values = {name: found.tolist() for name, found in measure(trajectory, metrics).items()}
     records = [
-        _record(trajectory, metrics, batch, row, index, solved) for row, index in enumerate(chunk)
+        _record(trajectory, values, batch, row, index, solved) for row, index in enumerate(chunk)
     ]
     if recorder is not None:
         recorder.end(chunk, records)
     return records
-
-
-class _Series:
-    """What metrics need of each step of N worlds."""
-
-    def __init__(self, carrier: TensorDictBase) -> None:
-        self._pose = [carrier[keys.POSE]]
-        self._pedestrians = [carrier[keys.PEDESTRIAN_BOXES]]
-        self._steps = torch.zeros(len(carrier), dtype=torch.int64, device=carrier.device)
-        self._outcome, self._contact = self._steps, self._steps
-        self.running = torch.ones_like(self._steps, dtype=torch.bool)
-
-    def add(self, stepped: TensorDictBase) -> None:
-        """Add a step; worlds that have ended stay ended."""
-        following = stepped["next"]
-        self._pose.append(following[keys.POSE])
-        self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
-        self._steps = self._steps + self.running
-        ends = self.running & following["done"].squeeze(-1)
-        self._outcome = torch.where(ends, following[keys.OUTCOME].squeeze(-1), self._outcome)
-        self._contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), self._contact)
-        self.running = self.running & ~ends
-
-    def trajectory(self, env: TransformedEnv, scenarios: ScenarioBatch, count: int) -> Trajectory:
-        """Return the first ``count`` worlds' episodes."""
-        simulator = env.base_env.simulator
-        pose, pedestrians = (
-            torch.stack(series, dim=1)[:count].cpu().numpy()
-            for series in (self._pose, self._pedestrians)
-        )
-        last = (self._steps, self._outcome, self._contact)
-        return Trajectory.from_series(
-            scenarios,
-            pose,
-            pedestrians,
-            *(value[:count].cpu().numpy() for value in last),
-            time_step_s=simulator.time_step_s,
-            robot_radius=simulator.robot.radius,
-            max_speed=simulator.robot.max_speed,
-        )
 
 
 def _play(
@@ -227,13 +210,13 @@ def _play(
     policy: Callable[[TensorDictBase], TensorDictBase],
     batch: ScenarioBatch,
     watchers: Sequence[Callable[[TensorDictBase], None]],
-) -> tuple[_Series, Tensor | None]:
+) -> tuple[Series, Tensor | None]:
     env.base_env.set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         with torch_on_one_thread():
             carrier = env.reset()
-        series = _Series(carrier)
+        series = Series(carrier)
         while bool(series.running.any()):
             decided = policy(carrier)
             _check_action(decided[keys.ACTION], series.running)
@@ -299,7 +282,7 @@ def _setting(batch: ScenarioBatch, row: int) -> dict:
     present, standing = batch.ped_present[row], batch.ped_static[row]
     speeds = batch.ped_speed[row][present & ~standing]
     return {
-        "scenario": KINDS[int(batch.kind[row])],
+        "scenario": batch.kind_of(row),
         "noise_seed": int(batch.noise_seed[row]),
         "num_dynamic": len(speeds),
         "num_static": int((present & standing).sum()),

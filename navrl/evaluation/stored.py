@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from navrl.evaluation.results import COLUMNS, EPISODES, SUMMARY
-from navrl.evaluation.summaries import check_summary
+from navrl.evaluation.metrics import METRICS, Metric
+from navrl.evaluation.results import EPISODES, SUMMARY, columns
+from navrl.evaluation.summaries import check_summary, own_metrics
 from navrl.untrusted import DamagedFileError, is_number, read_json, read_table
 
 LOG = logging.getLogger(__name__)
@@ -75,6 +76,11 @@ class Evaluation:
         return self.summary.get("suite_version", "older") is not None
 
     @cached_property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Navrl's metrics, then the user's that were measured; the latter without function."""
+        return (*METRICS, *own_metrics(self.summary))
+
+    @cached_property
     def latency(self) -> Mapping[str, float]:
         """What :func:`navrl.evaluation.metrics.controller_latency` returned; empty if not timed."""
         return read_latency(self.folder) or {}
@@ -90,7 +96,7 @@ class Evaluation:
         file = self.folder / "episodes.csv"
         rows = read_table(file, _REMEDY)
         try:
-            _check_rows(rows)
+            _check_rows(rows, columns(self.metrics))
             by_index = {int(row["index"]): row for row in rows}
         except ValueError as error:
             raise DamagedFileError(file, error, _REMEDY) from error
@@ -114,7 +120,7 @@ class Evaluation:
         return {index: value for index, value in values.items() if math.isfinite(value)}
 
 
-def _check_rows(rows: Sequence[Mapping[str, str]]) -> None:
+def _check_rows(rows: Sequence[Mapping[str, str]], known: Sequence[str]) -> None:
     """Hold the cells of ``episodes.csv`` to what their columns may have.
 
     Raises:
@@ -125,7 +131,7 @@ def _check_rows(rows: Sequence[Mapping[str, str]]) -> None:
     missing = [name for name in ("index", *_TEXTS) if name not in rows[0]]
     if missing:
         raise ValueError(f"columns {missing} are missing")
-    numeric = [name for name in COLUMNS if name not in (*_TEXTS, "error") and name in rows[0]]
+    numeric = [name for name in known if name not in (*_TEXTS, "error") and name in rows[0]]
     for row in rows:
         for name in numeric:
             try:

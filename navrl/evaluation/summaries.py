@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from navrl.evaluation.metrics import METRICS, Metric
 from navrl.untrusted import is_number
 
 _MAX_NAME = 500  # characters; labels of swept policies have about 60
@@ -11,6 +12,7 @@ _SHOWN = 60  # characters of a wrong value in a message
 
 _TEXTS = ("policy", "suite", "suite_hash", "simulator")
 _PART = {"episodes", "success_rate"}  # of each kind of world
+_KNOWN = frozenset(metric.name for metric in METRICS)
 _NEEDED = (*_TEXTS, "episodes", "success_rate", "collision_rate", "timeout_rate")
 
 
@@ -25,6 +27,10 @@ def check_summary(summary: Mapping[str, object]) -> str | None:
     wrong = _first_wrong(summary)
     if wrong is not None:
         return wrong
+    try:
+        own_metrics(summary)
+    except ValueError as error:
+        return str(error)
     kinds = summary.get("by_scenario") or {}
     if not isinstance(kinds, Mapping):
         return "by_scenario: must be an object"
@@ -35,6 +41,26 @@ def check_summary(summary: Mapping[str, object]) -> str | None:
         if wrong is not None:
             return f"by_scenario.{kind[:_SHOWN]}.{wrong}"
     return None
+
+
+def own_metrics(summary: Mapping[str, object]) -> tuple[Metric, ...]:
+    """Return the user's own metrics that a summary lists, without their functions.
+
+    Raises:
+        ValueError: If what it holds of one is not allowed.
+    """
+    metrics = summary.get("metrics") or {}
+    if not isinstance(metrics, Mapping):
+        raise ValueError("metrics: must be an object")
+    found = []
+    for name, facts in metrics.items():
+        if name in _KNOWN or not isinstance(facts, Mapping) or "compared" not in facts:
+            continue  # navrl's own, or of a version that does not say how to compare it
+        try:
+            found.append(Metric.from_facts(name, facts))
+        except ValueError as error:
+            raise ValueError(f"metrics.{name[:_SHOWN]}: {error}") from None
+    return tuple(found)
 
 
 def _first_wrong(part: Mapping[str, object]) -> str | None:
@@ -52,6 +78,8 @@ def _rule(name: str) -> tuple[Callable[[object], bool], str]:
         return _is_name, f"text of at most {_MAX_NAME} characters"
     if name == "change":
         return _is_change, "an object of plain values"
+    if name == "privileged":
+        return lambda value: isinstance(value, bool), "true or false"
     if name == "episodes":
         return (
             lambda value: isinstance(value, int) and is_number(value, 1),

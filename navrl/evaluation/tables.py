@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
+from navrl.evaluation.metrics import METRICS
 from navrl.evaluation.pairing import COLLISIONS, COMPARABLE, MetricComparison
 from navrl.evaluation.seeds import OverSeeds
 from navrl.evaluation.spreadsheets import (
@@ -32,6 +33,7 @@ NAME = "comparison"
 """Of the files."""
 
 _RATES = ("success", "collision", "timeout")
+_COLLISION_LABELS = [metric.label for metric in METRICS if metric.name in COLLISIONS]
 _NOTHING = "\N{EN DASH}"
 
 
@@ -98,9 +100,11 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
     Raises:
         ValueError: If there is no metric of a name.
     """
-    unknown = sorted(set(names) - set(COMPARABLE))
+    measured = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
+    comparable = dict.fromkeys((*COMPARABLE, *measured))
+    unknown = sorted(set(names) - comparable.keys())
     if unknown:
-        raise ValueError(f"metrics={unknown}: must be some of {', '.join(COMPARABLE)}")
+        raise ValueError(f"metrics={unknown}: must be some of {', '.join(comparable)}")
     reference = table.reference
     header = ["metric", "policy", "mean", "n", "mean where all succeed", "n"]
     header += [f"vs {_code(reference)}", "pairs", "p (sign flips)"] if reference else []
@@ -115,8 +119,7 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
         "| " + " | ".join(header) + " |",
         "|" + "---|" * len(header),
     ]
-    known = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
-    for name in names or known:
+    for name in names or measured:
         for row in table.rows:
             found = [metric for metric in row.metrics if metric.name == name]
             lines += ["| " + " | ".join(_metric_cells(row, m, reference)) + " |" for m in found]
@@ -158,8 +161,8 @@ def _collision_lines(table: ComparisonTable) -> list[str]:
         "Collisions: what was touched, of people also who moved; shares of all episodes with 95 % "
         "Wilson intervals.",
         "",
-        "| policy | wall | furniture | moved into a person | run into by a person |",
-        "|---|---|---|---|---|",
+        f"| policy | {' | '.join(_COLLISION_LABELS)} |",
+        "|---|" + "---|" * len(COLLISIONS),
         *(
             f"| {_code(row.policy)} | {' | '.join(_rate(row, name) for name in COLLISIONS)} |"
             for row in table.rows

@@ -120,7 +120,9 @@ class EpisodeRenderer:
 
     def _recording(self) -> Recording:
         series = {name: np.array(rows) for name, rows in self._series.items()}
-        series[keys.ACTION] = series[keys.ACTION].reshape(-1, 2)
+        series[keys.ACTION] = series[keys.ACTION].reshape(
+            -1, self._env.simulator.robot.command_size
+        )
         scenario = Scenario(
             suite="navrl/Navigation-v0",
             seed=0,

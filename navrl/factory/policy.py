@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
-from navrl.config import CONF_DIR, instantiate
+from navrl.config import compose, instantiate, options
 from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
 from navrl.factory.values import flat_values
@@ -46,7 +48,12 @@ def bundle_folder(policy: str) -> Path | None:
     return None
 
 
-def make_evaluated_policy(cfg: DictConfig, *, with_attention: bool = False) -> EvaluatedPolicy:
+def make_evaluated_policy(
+    cfg: DictConfig,
+    *,
+    with_attention: bool = False,
+    controller: Mapping[str, Any] | None = None,
+) -> EvaluatedPolicy:
     """Find the policy that ``cfg.policy`` names and build an environment for it.
 
     A bundle brings its own transforms, lidar and robot; a controller takes the config's.
@@ -55,6 +62,8 @@ def make_evaluated_policy(cfg: DictConfig, *, with_attention: bool = False) -> E
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
         with_attention: Whether a bundle's actor writes its attention weights too.
+        controller: Node of the controller that ``cfg.policy`` names; looked up if ``None``, which
+            a process that Hydra did not start can do for navrl's own alone.
 
     Raises:
         ValueError: If there is no such policy, listing those there are; if the device is wrong; or
@@ -64,7 +73,7 @@ def make_evaluated_policy(cfg: DictConfig, *, with_attention: bool = False) -> E
     folder = bundle_folder(cfg.policy)
     check_policy(cfg, is_bundle=folder is not None)
     if folder is None:
-        return _controller(cfg)
+        return _controller(cfg, controller)
     bundle = load_bundle(folder, cfg.allow)
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
     actor = actor.to(make_device(cfg))
@@ -123,33 +132,70 @@ def policy_name(cfg: DictConfig) -> str:
     return folder.name if folder.name != "policy" else folder.parent.name
 
 
-def _controller(cfg: DictConfig) -> EvaluatedPolicy:
+def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPolicy:
     if make_device(cfg).type != "cpu":
         raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
-    local = with_controller(cfg)
-    return EvaluatedPolicy(cfg.policy, instantiate(local.controller), _environment(local))
+    local = with_controller(cfg, node)
+    controller, env = instantiate(local.controller), _environment(local)
+    try:
+        if not callable(controller):
+            raise ValueError(
+                f"policy={cfg.policy}: must build a callable from a TensorDict to one with "
+                f"'action', got {type(controller).__name__}"
+            )
+        check_known_future(controller, env.base_env.simulator)
+    except ValueError:
+        env.close()
+        raise
+    return EvaluatedPolicy(cfg.policy, controller, env)
 
 
-def with_controller(cfg: DictConfig) -> DictConfig:
-    """Return a copy of ``cfg`` with the controller that ``cfg.policy`` names as ``controller``.
+def controller_node(policy: str) -> dict[str, Any] | None:
+    """Return the node of the controller of that name; ``None`` if ``policy`` is a bundle.
+
+    Controllers are the files of the group ``controller`` in the configuration directories: navrl's
+    own and those of ``--config-dir``.
 
     Raises:
         ValueError: If there is none, listing those there are.
     """
-    files = {path.stem: path for path in (CONF_DIR / "controller").glob("*.yaml")}
-    if cfg.policy not in files:  # never a path: that would build a node unchecked
-        known = sorted(files)
-        if cfg.policy in ("all", "zoo", "controllers"):
-            raise ValueError(f"policy={cfg.policy}: several, which need a sweep: navrl-evaluate -m")
+    if bundle_folder(policy) is not None:
+        return None
+    known = options("controller")
+    if policy not in known:  # never a path: that would build a node unchecked
+        if policy in ("all", "zoo", "controllers"):
+            raise ValueError(f"policy={policy}: several, which need a sweep: navrl-evaluate -m")
         raise ValueError(
-            f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
+            f"policy={policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
         )
-    changed = {part: cfg[part] for part in PARTS if part in cfg.change}
-    return _replaced(
-        cfg,
-        OmegaConf.merge({"controller": OmegaConf.load(files[cfg.policy]), **changed}, cfg.change),
+    return OmegaConf.to_container(
+        compose("evaluate", [f"+controller={policy}"]).controller, resolve=False
     )
+
+
+def controller_class(policy: str) -> type:
+    """Return the class that the controller of that name builds, or the function.
+
+    Raises:
+        ValueError: If there is no such controller.
+    """
+    return get_object(controller_node(policy)["_target_"])
+
+
+def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> DictConfig:
+    """Return a copy of ``cfg`` with a controller as ``controller``, changed by ``cfg.change``.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+        node: Of the controller; that which ``cfg.policy`` names if ``None``.
+
+    Raises:
+        ValueError: If there is none, listing those there are.
+    """
+    node = controller_node(cfg.policy) if node is None else node
+    changed = {part: cfg[part] for part in PARTS if part in cfg.change}
+    return _replaced(cfg, OmegaConf.merge({"controller": node, **changed}, cfg.change))
 
 
 def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:

@@ -13,6 +13,8 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import TransformedEnv
 
 import navrl
+from navrl.algos import Algorithm, Exploration
+from navrl.algos.protocols import check_protocol
 from navrl.config import instantiate
 from navrl.evaluation import evaluate, rates
 from navrl.factory.environment import (
@@ -78,6 +80,7 @@ def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
     Workers step their worlds and act on the CPU, wherever the learner is.
     """
     exploration = instantiate(cfg.exploration)
+    check_protocol("exploration", exploration, Exploration)
     behaviour = instantiate(cfg.behaviour, actor=actor, exploration=exploration)
     has_workers = issubclass(get_class(cfg.collector._target_), WorkersCollector)
     make_worlds = partial(make_training_env, on_cpu(cfg) if has_workers else cfg)
@@ -100,10 +103,12 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     shapes = observation_shapes(probe)
     probe.close()
     actor, critic = make_agent(cfg, shapes)
+    algorithm = instantiate(cfg.algorithm, actor=actor, critic=critic)
+    check_protocol("algorithm", algorithm, Algorithm)
     return Trainer(
         collector=make_collector(cfg, actor),
         sigma=instantiate(cfg.exploration).sigma,
-        algorithm=instantiate(cfg.algorithm, actor=actor, critic=critic),
+        algorithm=algorithm,
         replay=instantiate(cfg.replay, observation_keys=actor.in_keys),
         curriculum=instantiate(cfg.curriculum),
         evaluate=Validation(cfg, actor),

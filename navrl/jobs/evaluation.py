@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -13,11 +14,18 @@ from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recording import Recording, record_episode
 from navrl.factory.environment import num_threads
+from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options, check_suite
-from navrl.factory.policy import bundle_folder, make_evaluated_policy, policy_name
+from navrl.factory.policy import (
+    bundle_folder,
+    controller_node,
+    make_evaluated_policy,
+    policy_name,
+)
 from navrl.factory.values import flat_values
 from navrl.jobs.inputs import evaluation_inputs, policy_parts
 from navrl.jobs.playing import finish, play_suite
+from navrl.policies.controller import is_privileged
 from navrl.worlds import Scenario
 
 
@@ -40,36 +48,61 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     Returns:
         The summary.
     """
-    _check_start(cfg)
+    controller = controller_node(cfg.policy)
+    start = _check_start(cfg, controller)
     suite = instantiate(cfg.suite)
     scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
-    bundle = bundle_folder(cfg.policy)
-    attends = bundle is not None and cfg.get("recordings", "none") != "none"
-    make = partial(make_evaluated_policy, with_attention=attends)
+    attends = controller is None and cfg.get("recordings", "none") != "none"
+    make = partial(make_evaluated_policy, with_attention=attends, controller=controller)
     determined_by = evaluation_inputs(cfg, policy_parts(cfg))
+    metrics = make_metrics(cfg)
     records = play_suite(cfg, scenarios, folder, make, json.dumps(determined_by))
     summary = summarize(
         records,
         policy=policy_name(cfg),
         suite=suite.name,
         suite_hash=suite.hash(scenarios),
-        suite_version=suite.version,
-        simulator=cfg.simulator["_target_"].rpartition(".")[2],
+        suite_version=None if start.is_reactive else suite.version,
+        simulator=start.simulator,
+        metrics=metrics,
+        privileged=start.privileged,
     )
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
     write_errors(folder, records, scenarios)
-    summary = write_results(folder, records, {**summary, **determined_by})
+    summary = write_results(folder, records, {**summary, **determined_by}, metrics)
     finish(folder)
     return summary
 
 
-def _check_start(cfg: DictConfig) -> None:
+class _Start(NamedTuple):
+    """What is known of an evaluation before an episode is played.
+
+    Args:
+        simulator: Name, with that of the pedestrians' model if they react: with other dynamics the
+            episodes are others, so no table has both.
+        is_reactive: Whether they do.
+        privileged: Whether the policy reads the true state.
+    """
+
+    simulator: str
+    is_reactive: bool
+    privileged: bool
+
+
+def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
     """Report mistakes here, before scenarios are generated and in this process."""
     check_options(cfg)
+    make_metrics(cfg)
     small = cfg.copy()
     small.num_worlds = 1
-    make_evaluated_policy(small).env.close()
+    evaluated = make_evaluated_policy(small, controller=controller)
+    simulator = evaluated.env.base_env.simulator
+    name, pedestrians = cfg.simulator["_target_"].rpartition(".")[2], simulator.pedestrians
+    evaluated.env.close()
+    if pedestrians.is_reactive:
+        name = f"{name} with {type(pedestrians).__name__}"
+    return _Start(name, pedestrians.is_reactive, is_privileged(evaluated.policy))
 
 
 @lru_cache(maxsize=16)

@@ -36,7 +36,7 @@ def evaluation_inputs(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, s
     return {
         "policy_hash": policy_hash(policy),
         "config_hash": _hash_of(values),
-        "code_hash": _hash_of({"navrl": code_hash(), "own": _own_modules(cfg)}),
+        "code_hash": _hash_of({"navrl": code_hash(), "own": _own_modules(cfg, policy)}),
     }
 
 
@@ -67,9 +67,11 @@ def source_hash(package: Path) -> str:
     return found.hexdigest()
 
 
-def _own_modules(cfg: DictConfig) -> dict[str, str]:
+def _own_modules(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, str]:
     """Return hashes of the modules outside of navrl that may be built."""
-    targets = {v for k, v in flat_values(cfg).items() if k.endswith("_target_") and v}
+    plain = {key: part for key, part in policy.items() if not isinstance(part, bytes)}
+    values = [*flat_values(cfg).items(), *flat_values(OmegaConf.create(plain)).items()]
+    targets = {v for k, v in values if k.endswith("_target_") and v}
     names = {str(target).rpartition(".")[0] for target in targets} | set(cfg.get("allow", ()))
     files = {name: _source_of(name) for name in sorted(names) if name.split(".")[0] != "navrl"}
     return {k: hashlib.sha256(file.read_bytes()).hexdigest() for k, file in files.items() if file}
@@ -92,12 +94,15 @@ def _hash_of(values: Mapping[str, Any]) -> str:
 
 
 def policy_parts(cfg: DictConfig) -> dict[str, Any]:
-    """Return what :func:`policy_hash` takes: a bundle's files or a node.
+    """Return what :func:`policy_hash` takes: a bundle's files, or a node and the files it names.
 
     Raises:
         ValueError: If there is no such policy.
     """
     folder = bundle_folder(cfg.policy)
     if folder is None:
-        return OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+        node = OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+        values = flat_values(OmegaConf.create(node)).values()
+        files = {value: Path(value) for value in values if isinstance(value, str)}
+        return node | {name: file.read_bytes() for name, file in files.items() if file.is_file()}
     return bundle_files(folder)

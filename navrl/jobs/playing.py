@@ -26,6 +26,7 @@ from navrl.evaluation.rollout import side_by_side
 from navrl.evaluation.stored import LATENCY
 from navrl.evaluation.unfinished import FinishedChunks
 from navrl.factory.environment import num_threads, set_threads
+from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options
 from navrl.jobs.run_folder import result_values
 from navrl.progress_bar import progress_bar
@@ -112,14 +113,21 @@ class _Player:
     ) -> None:
         kept = cfg.get("recordings", "none")
         self._batch, self._evaluated = ScenarioBatch.pack(scenarios), make(cfg)
-        self._recorder = None
+        self._recorder, self._metrics = None, make_metrics(cfg)
         if kept != "none":
             place = folder / RECORDINGS
             self._recorder = EpisodeArchive(self._evaluated.env, scenarios, place, kept)
 
     def play(self, chunk: range) -> Chunk:
         env, policy = self._evaluated.env, self._evaluated.policy
-        return chunk, evaluate(env, policy, self._batch, recorder=self._recorder, chunks=[chunk])
+        return chunk, evaluate(
+            env,
+            policy,
+            self._batch,
+            recorder=self._recorder,
+            chunks=[chunk],
+            metrics=self._metrics,
+        )
 
     def close(self) -> None:
         self._evaluated.env.close()

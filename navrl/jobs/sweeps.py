@@ -5,7 +5,6 @@ Hydra calls these before and after the jobs of ``-m``; the config names them as 
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,14 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf, read_write
 
-from navrl.config import CONF_DIR
+from navrl.config import options
 from navrl.evaluation import compare, find_evaluations, markdown, write_comparison
+from navrl.factory.policy import controller_class
 from navrl.jobs import new_folder
 from navrl.policies import zoo_names
+from navrl.policies.controller import missing_packages
 
 log = logging.getLogger(__name__)
-
-_NEEDS = {"orca": "pyrvo"}  # controllers with an optional dependency
 
 
 class ExpandPolicies(Callback):
@@ -99,12 +98,17 @@ def expand_policies(names: list[str]) -> list[str]:
 
     A controller whose optional dependency is missing is left out with a warning.
     """
-    controllers = [name for name in _controllers() if _is_installed(name)]
+    if not {"all", "controllers"} & set(names):
+        missing: dict[str, list[str]] = {}
+    else:
+        missing = {name: missing_packages(controller_class(name)) for name in options("controller")}
+    controllers = [name for name, packages in missing.items() if not packages]
     words = {"zoo": zoo_names(), "controllers": controllers, "all": [*zoo_names(), *controllers]}
     expanded = [policy for name in names for policy in words.get(name, [name])]
-    if any(name in words and name != "zoo" for name in names):
-        for name in sorted(set(_controllers()) - set(controllers)):
-            log.warning("%s is left out: it needs %s, which is not installed", name, _NEEDS[name])
+    for name, packages in missing.items():
+        if packages:
+            needed = ", ".join(packages)
+            log.warning("%s is left out: it needs %s, which is not installed", name, needed)
     return list(dict.fromkeys(expanded))
 
 
@@ -125,12 +129,3 @@ def _expanded(override: str) -> str:
         if key == "policy"
         else override
     )
-
-
-def _controllers() -> list[str]:
-    return sorted(path.stem for path in (CONF_DIR / "controller").glob("*.yaml"))
-
-
-def _is_installed(controller: str) -> bool:
-    module = _NEEDS.get(controller)
-    return module is None or importlib.util.find_spec(module) is not None

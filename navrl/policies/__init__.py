@@ -3,6 +3,8 @@
 from pathlib import Path
 
 from navrl.policies.bundle import BundleError, PolicyBundle, load_bundle, save_bundle, saved_metrics
+from navrl.policies.controller import Controller
+from navrl.policies.predicting import PredictingPolicy, StableBaselines3Policy
 
 ZOO = Path(__file__).parent / "zoo"
 """Bundles that ship with the package, one folder each."""
@@ -10,7 +12,10 @@ ZOO = Path(__file__).parent / "zoo"
 __all__ = [
     "ZOO",
     "BundleError",
+    "Controller",
     "PolicyBundle",
+    "PredictingPolicy",
+    "StableBaselines3Policy",
     "load_bundle",
     "save_bundle",
     "saved_metrics",

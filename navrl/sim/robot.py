@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -71,6 +72,25 @@ class RobotModel(ABC):
         row = (torch.tensor(value, dtype=torch.float64) for value in (pose, velocity))
         heading, speed = self.travel(*row)
         return float(heading), float(speed)
+
+    @property
+    def top_speed(self) -> float:
+        """Largest speed of travel that the command limits allow, m/s; metrics scale by it."""
+        corners = torch.tensor(list(product(*zip(*self.command_limits, strict=True))))
+        _, speed = self.travel(torch.zeros(len(corners), 3, dtype=torch.float64), corners.double())
+        return float(speed.abs().max())
+
+    @property
+    def travel_bearings(self) -> tuple[float, ...]:
+        """Bearings that single components of a command drive it towards, rad, 0 straight ahead.
+
+        A robot is not driven where it cannot see in one of them.
+        """
+        limits = torch.tensor(self.command_limits, dtype=torch.float64)
+        commands = torch.cat([torch.diag(row) for row in limits])  # one component at a time
+        heading, speed = self.travel(torch.zeros(len(commands), 3, dtype=torch.float64), commands)
+        heading = torch.where(speed < 0, heading + math.pi, heading)
+        return tuple(sorted(set(heading[speed != 0].tolist())))
 
     @property
     def command_size(self) -> int:
@@ -145,6 +165,11 @@ class DifferentialDrive(RobotModel):
         self.min_speed = float(min_speed)
         self.model = model
         self.wheel_acceleration = float(wheel_acceleration)
+
+    @property
+    def top_speed(self) -> float:
+        """Largest forward speed, m/s."""
+        return self.max_speed
 
     @property
     def acceleration_limit(self) -> float:

@@ -10,7 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
-from navrl.algos import GaussianExploration
+from navrl.algos import Exploration
 
 
 class Behaviour:
@@ -32,7 +32,7 @@ class Behaviour:
     def __init__(
         self,
         actor: TensorDictModuleBase,
-        exploration: GaussianExploration,
+        exploration: Exploration,
         guide: Callable[[TensorDictBase], TensorDictBase] | None = None,
         guided_fraction: float = 0.0,
         guided_frames: int | None = None,
@@ -51,13 +51,12 @@ class Behaviour:
 
     @torch.no_grad()
     def act(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
-        """Write ``action [N, 2]`` in [-1, 1] into ``tensordict`` after ``frames`` env steps."""
+        """Write ``action [N, C]`` in [-1, 1] into ``tensordict`` after ``frames`` env steps."""
         last = tensordict.get(keys.ACTION, None)  # what was driven in the step before, with noise
+        self.actor(tensordict)
         if frames < self.random_frames:
-            shape = (len(tensordict), self.exploration.action_size)
+            shape = tensordict.get(keys.ACTION).shape
             tensordict.set(keys.ACTION, torch.rand(shape, device=tensordict.device) * 2 - 1)
-        else:
-            self.actor(tensordict)
         guided = self._num_guided(len(tensordict), frames)
         if guided:
             action = tensordict.get(keys.ACTION).clone()
@@ -66,7 +65,7 @@ class Behaviour:
         return self.exploration(tensordict, frames)
 
     def _guide_action(self, tensordict: TensorDictBase, last: Tensor | None) -> Tensor:
-        """Return the guide's action ``[G, 2]``; it reads its last action, not the actor's next."""
+        """Return the guide's action ``[G, C]``; it reads its last action, not the actor's next."""
         if last is None:
             return self.guide(tensordict.exclude(keys.ACTION)).get(keys.ACTION)
         return self.guide(tensordict.set(keys.ACTION, last[: len(tensordict)])).get(keys.ACTION)

@@ -13,7 +13,7 @@ from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from tqdm import tqdm
 
-from navrl.algos import DDPG, NonFiniteUpdateError
+from navrl.algos import Algorithm, NonFiniteUpdateError
 from navrl.files import replacing
 from navrl.progress_bar import progress_bar
 from navrl.training.checkpoint import CheckpointStore, resumable
@@ -61,7 +61,7 @@ class Trainer:
         self,
         collector: Collector,
         sigma: Callable[[int], float],
-        algorithm: DDPG,
+        algorithm: Algorithm,
         replay: Replay,
         curriculum: Curriculum,
         evaluate: Evaluate,

@@ -13,6 +13,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from navrl.evaluation.recording import Recording
+from navrl.viz.drive import forward_and_turn
 from navrl.viz.gif import write_gif
 from navrl.viz.legend import add_legend
 from navrl.viz.scene import (
@@ -213,7 +214,7 @@ def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
     turn = axes.twinx()
     turn.grid(False)
     turn.spines["right"].set_visible(True)
-    speeds = recording.action.T
+    speeds = forward_and_turn(recording).T
     for side, values, color, label in (
         (axes, speeds[0], BLUE, "v in m/s"),
         (turn, speeds[1], VERMILLION, "w in rad/s"),

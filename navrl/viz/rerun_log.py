@@ -15,6 +15,7 @@ from matplotlib.colors import to_rgba_array
 from navrl.evaluation.recording import Recording
 from navrl.extras import install_hint
 from navrl.files import replacing_path
+from navrl.viz.drive import forward_and_turn
 from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
@@ -193,7 +194,7 @@ class _Log:
         self._moving("world/tagd", columns, real.sum(axis=1))
 
     def _curves(self) -> None:
-        v, w = self._recording.action.T
+        v, w = forward_and_turn(self._recording).T
         self._curve("commands/v", "v in m/s", v, BLUE)
         self._curve("commands/w", "w in rad/s", w, VERMILLION)
         for i, (name, term) in enumerate(self._recording.reward_terms.items()):

@@ -6,7 +6,7 @@ from navrl.extras import require
 
 require("full", "navrl.worlds", "skimage")
 
-from navrl.worlds.batch import KINDS, ScenarioBatch, pedestrian_boxes
+from navrl.worlds.batch import ScenarioBatch, pedestrian_boxes
 from navrl.worlds.cards import CardSet
 from navrl.worlds.corridor import Corridor
 from navrl.worlds.distribution import ScenarioDistribution, WeightedWorld
@@ -19,7 +19,6 @@ from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Pedestrian,
 from navrl.worlds.suite import Suite
 
 __all__ = [
-    "KINDS",
     "MAX_PATH_POINTS",
     "MAX_ROUTE_POINTS",
     "CardSet",

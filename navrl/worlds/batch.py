@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
-
-KINDS = (
-    *("corridor", "intersection", "office", "other"),
-    *("frontal_approach", "overtaking", "crossing", "blind_corner", "narrow_doorway"),
-    *("narrow_hallway", "obstructed_doorway", "circular_crossing"),
-)
-"""Kinds of worlds by their codes in a batch; whatever is not named here is ``other``."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +31,9 @@ class ScenarioBatch:
         ped_half: ``[S, K, 2]`` float64 m.
         ped_present: ``[S, K]`` bool.
         ped_static: ``[S, K]`` bool.
-        kind: ``[S]`` int64, index into :data:`KINDS`.
+        kind: ``[S]`` int64, index into ``kinds``.
         noise_seed: ``[S]`` int64.
+        kinds: Names of the kinds of worlds; empty if they are not known.
     """
 
     boxes: Tensor
@@ -58,6 +52,7 @@ class ScenarioBatch:
     ped_static: Tensor
     kind: Tensor
     noise_seed: Tensor
+    kinds: tuple[str, ...] = ()
 
     @classmethod
     def pack(
@@ -87,48 +82,60 @@ class ScenarioBatch:
             if limit is not None and found > limit:
                 raise ValueError(f"{name}={limit}: a scenario has {found}")
         width = max_boxes or max(boxes, 1), max_pedestrians or max(people, 1)
-        rows = [_row(scenario, *width) for scenario in scenarios]
-        return cls(**{k: torch.from_numpy(np.stack([row[k] for row in rows])) for k in rows[0]})
+        kinds = tuple(sorted({scenario.kind for scenario in scenarios}))
+        rows = [_row(scenario, *width, kinds.index(scenario.kind)) for scenario in scenarios]
+        stacked = {k: torch.from_numpy(np.stack([row[k] for row in rows])) for k in rows[0]}
+        return cls(**stacked, kinds=kinds)
 
     def __len__(self) -> int:
         return len(self.start)
 
     def __getitem__(self, rows: Tensor) -> ScenarioBatch:
-        return ScenarioBatch(**{name: value[rows] for name, value in self.tensors().items()})
+        return replace(self, **{name: value[rows] for name, value in self.tensors().items()})
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: getattr(self, name) for name in _tensor_names()}
 
     @classmethod
-    def from_tensors(cls, tensors: Mapping[str, Tensor]) -> ScenarioBatch:
+    def from_tensors(
+        cls, tensors: Mapping[str, Tensor], kinds: Sequence[str] = ()
+    ) -> ScenarioBatch:
         """Rebuild from :meth:`tensors`, also from those written before there was furniture."""
         tensors = {"num_furniture": torch.zeros_like(tensors["num_boxes"]), **tensors}
-        return cls(**{field.name: tensors[field.name] for field in fields(cls)})
+        return cls(**{name: tensors[name] for name in _tensor_names()}, kinds=tuple(kinds))
+
+    def kind_of(self, row: int) -> str:
+        """Return the kind of world of a scenario; ``other`` if the names are not known."""
+        return self.kinds[int(self.kind[row])] if self.kinds else "other"
 
     def to(self, device: torch.device | str) -> ScenarioBatch:
         """Move all tensors."""
-        return ScenarioBatch(**{name: value.to(device) for name, value in self.tensors().items()})
+        return replace(self, **{name: value.to(device) for name, value in self.tensors().items()})
 
     def with_num_dynamic(self, count: Tensor) -> ScenarioBatch:
         """Keep each scenario's first ``count [S]`` dynamic pedestrians and all static ones."""
         dynamic = self.ped_present & ~self.ped_static
         kept = dynamic.cumsum(dim=-1) <= count.unsqueeze(-1)
-        return ScenarioBatch(
-            **{**self.tensors(), "ped_present": self.ped_present & (self.ped_static | kept)}
-        )
+        return replace(self, ped_present=self.ped_present & (self.ped_static | kept))
 
     def without_pedestrians(self, empty: Tensor) -> ScenarioBatch:
         """Remove everybody from the scenarios where ``empty [S]`` is true."""
         present = self.ped_present & ~empty.unsqueeze(-1)
-        return ScenarioBatch(**{**self.tensors(), "ped_present": present})
+        return replace(self, ped_present=present)
 
     def with_noise_seed(self, noise_seed: Tensor) -> ScenarioBatch:
         """Replace the seeds ``[S]`` of the lidar's noise."""
-        return ScenarioBatch(**{**self.tensors(), "noise_seed": noise_seed})
+        return replace(self, noise_seed=noise_seed)
 
 
-def _row(scenario: Scenario, max_boxes: int, max_pedestrians: int) -> dict[str, np.ndarray]:
+def _tensor_names() -> list[str]:
+    return [field.name for field in fields(ScenarioBatch) if field.name != "kinds"]
+
+
+def _row(
+    scenario: Scenario, max_boxes: int, max_pedestrians: int, kind: int
+) -> dict[str, np.ndarray]:
     people = scenario.pedestrians
     boxes = np.zeros((max_boxes, 5))
     boxes[: len(scenario.boxes)] = scenario.boxes
@@ -157,7 +164,7 @@ def _row(scenario: Scenario, max_boxes: int, max_pedestrians: int) -> dict[str, 
         "ped_half": np.array(half, dtype=np.float64).reshape(-1, 2),
         "ped_present": np.arange(max_pedestrians) < len(people),
         "ped_static": np.array([p.is_static for p in people] + [False] * pad),
-        "kind": np.int64(KINDS.index(scenario.kind if scenario.kind in KINDS else "other")),
+        "kind": np.int64(kind),
         "noise_seed": np.int64(scenario.noise_seed),
     }
 

@@ -119,7 +119,10 @@ def _load(cache: Path, suite: Suite) -> ScenarioBatch | None:
         arrays = read_arrays(cache, "the scenarios are generated again", _MAX_CACHE_BYTES)
         if str(arrays.pop("fingerprint", "")) != _fingerprint(suite):
             return None
-        return ScenarioBatch.from_tensors({k: torch.from_numpy(v) for k, v in arrays.items()})
+        kinds = [str(name) for name in arrays.pop("kinds", ())]
+        return ScenarioBatch.from_tensors(
+            {k: torch.from_numpy(v) for k, v in arrays.items()}, kinds
+        )
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -135,6 +138,6 @@ def _save(cache: Path, suite: Suite, batch: ScenarioBatch) -> None:
     arrays = {name: value.numpy() for name, value in batch.tensors().items()}
     try:
         with replacing(cache) as file:
-            np.savez(file, fingerprint=_fingerprint(suite), **arrays)
+            np.savez(file, fingerprint=_fingerprint(suite), kinds=batch.kinds, **arrays)
     except OSError as error:
         LOG.warning("scenarios are not cached: %s", explain_os_error(error))

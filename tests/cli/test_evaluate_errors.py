@@ -5,8 +5,8 @@ import sys
 import pytest
 from evaluated import HIT, WON, write_evaluation
 
-from navrl import factory
 from navrl.config import compose, instantiate
+from navrl.factory import EvaluatedPolicy
 from navrl.jobs import evaluation as building
 from navrl.worlds import ScenarioBatch
 
@@ -53,7 +53,7 @@ def raising(monkeypatch, tmp_path):
     def replace(goal):
         def contender(cfg, **options):
             found = make(cfg, **options)
-            return factory.EvaluatedPolicy(found.name, Raising(found.policy, goal), found.env)
+            return EvaluatedPolicy(found.name, Raising(found.policy, goal), found.env)
 
         monkeypatch.setattr(building, "make_evaluated_policy", contender)
 

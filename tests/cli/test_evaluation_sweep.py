@@ -10,6 +10,7 @@ from navrl.config import compose, folder_name
 from navrl.factory import bundle_folder
 from navrl.jobs import claim_folder
 from navrl.jobs.sweeps import expand_policies
+from navrl.policies.classical import Orca
 
 TINY = [
     "suite=smoke",
@@ -39,7 +40,7 @@ def test_words_stand_for_what_there_is():
 
 
 def test_a_controller_without_its_library_is_left_out(monkeypatch, caplog):
-    monkeypatch.setattr("navrl.jobs.sweeps._NEEDS", {"orca": "no_such_module"})
+    monkeypatch.setattr(Orca, "requires", ("no_such_module",))
     assert "orca" not in expand_policies(["all"])
     assert "no_such_module" in caplog.text
     assert expand_policies(["orca"]) == ["orca"]  # asked for by name: the error is its own

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from navrl.evaluation import METRICS
+from navrl.evaluation.metrics import markdown_table
 from navrl.evaluation.results import COLUMNS
 from navrl.worlds import frozen_episodes
 
@@ -13,7 +14,9 @@ PAGE = (Path(__file__).parents[2] / "docs" / "evaluation.md").read_text()
 
 
 def test_every_metric_is_defined_with_its_unit():
-    rows = re.findall(r"^\| `([\w.]+)` \| (\S+) \| \S.* \| \S.* \|$", PAGE, re.M)
+    assert PAGE.count("<!-- metrics -->") == 1  # where the site puts the table
+    table = markdown_table()
+    rows = re.findall(r"^\| `([\w.]+)` \| (\S+) \| \S.* \| \S.* \|$", table, re.M)
     units = [(m.name, m.unit.replace("^2", "²").replace("^3", "³")) for m in METRICS]
     assert rows == units
 

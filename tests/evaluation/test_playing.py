@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import torch
 
-from navrl import factory
 from navrl.config import compose
 from navrl.evaluation import METRICS, EpisodeRecord, Trajectory, measure
 from navrl.evaluation.recording import Recording
 from navrl.evaluation.rounding import restored, rounded
 from navrl.evaluation.unfinished import FinishedChunks
+from navrl.factory import EvaluatedPolicy
 from navrl.jobs import evaluation as building
 from navrl.jobs import run_evaluation
 from navrl.worlds import Scenario
@@ -125,7 +125,7 @@ def test_an_episode_that_raises_is_kept_with_all_it_takes_to_raise_it_again(tmp_
     def refusing(cfg, **options):
         evaluated = make(cfg, **options)
         policy = Refusing(evaluated.policy, bad.goal)
-        return factory.EvaluatedPolicy(evaluated.name, policy, evaluated.env)
+        return EvaluatedPolicy(evaluated.name, policy, evaluated.env)
 
     monkeypatch.setattr(building, "make_evaluated_policy", refusing)
     summary = run_evaluation(cfg, tmp_path)

@@ -213,3 +213,19 @@ def test_ideal_queue_passes_commands_through():
     command = torch.rand(2, 2)
     older, newer = queue.push(command)
     assert older is command and newer is command and queue.first_substeps == (0, 0)
+
+
+# --- facts of a base ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "robot, speed, bearings",
+    [
+        (DifferentialDrive(), 1.0, (0.0,)),
+        (DifferentialDrive(min_speed=-0.2), 1.0, (0.0, math.pi)),
+        (Omnidirectional(), math.hypot(1.0, 0.5), (-math.pi / 2, 0.0, math.pi / 2, math.pi)),
+    ],
+)
+def test_base_reports_top_speed_and_bearings_of_travel(robot, speed, bearings):
+    assert robot.top_speed == pytest.approx(speed, abs=1e-12)
+    assert robot.travel_bearings == bearings

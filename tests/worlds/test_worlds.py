@@ -215,6 +215,7 @@ def test_pool_draws_are_reproducible_and_cached(tmp_path):
     suite = Suite("pool", 0, 12, distribution("corridor", num_dynamic=(8, 8)))
     first = ScenarioPool(suite, cache=tmp_path / "pool.npz", empty_share=0.5)
     second = ScenarioPool(suite, cache=tmp_path / "pool.npz", empty_share=0.5)
+    assert second.batch.kinds == first.batch.kinds != ()
     draws = [
         pool.draw(torch.Generator().manual_seed(4), 200, max_dynamic=2) for pool in (first, second)
     ]
@@ -262,3 +263,14 @@ def test_daemonic_process_generates_without_children(monkeypatch):
     """Vector environments start daemonic processes, and those may not have children."""
     monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
     assert len(Suite("train", 0, 40, distribution("corridor")).scenarios(num_workers=2)) == 40
+
+
+def test_batch_names_the_kinds_it_holds():
+    scenarios = [
+        dataclasses.replace(distribution("office").sample("test", 0, 0), kind=kind)
+        for kind in ("maze", "attic")
+    ]
+    batch = ScenarioBatch.pack(scenarios)
+    assert [batch.kind_of(row) for row in range(2)] == ["maze", "attic"]
+    assert batch[torch.tensor([1])].to("cpu").kind_of(0) == "attic"
+    assert ScenarioBatch.from_tensors(batch.tensors()).kind_of(0) == "other"

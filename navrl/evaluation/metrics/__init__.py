@@ -19,6 +19,7 @@ from navrl.evaluation.metrics.ending import (
     timeout,
 )
 from navrl.evaluation.metrics.latency import controller_latency
+from navrl.evaluation.metrics.metric import Metric
 from navrl.evaluation.metrics.motion import (
     cumulative_heading_change,
     max_acceleration,
@@ -36,7 +37,13 @@ from navrl.evaluation.metrics.people import (
     min_pedestrian_distance,
     min_time_to_collision,
 )
-from navrl.evaluation.metrics.table import METRICS, OF_ERROR, Metric, measure
+from navrl.evaluation.metrics.table import (
+    METRICS,
+    OF_ERROR,
+    markdown_table,
+    measure,
+    values_of_error,
+)
 from navrl.evaluation.metrics.trajectory import Trajectory
 
 __all__ = [
@@ -52,6 +59,7 @@ __all__ = [
     "controller_latency",
     "cumulative_heading_change",
     "duration",
+    "markdown_table",
     "max_acceleration",
     "max_jerk",
     "max_speed",
@@ -73,4 +81,5 @@ __all__ = [
     "time_to_goal",
     "time_without_progress",
     "timeout",
+    "values_of_error",
 ]

@@ -18,7 +18,7 @@ def speeds(trajectory: Trajectory) -> np.ndarray:
 
 
 def mean_speed(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s.
+    """Return ``[E]`` m/s, distance over time, mean of whole steps.
 
     Reference:
         V_avg of Francis et al. 2023 (arXiv 2306.16740).
@@ -27,7 +27,7 @@ def mean_speed(trajectory: Trajectory) -> np.ndarray:
 
 
 def max_speed(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s.
+    """Return ``[E]`` m/s, distance over time, the largest of whole steps.
 
     Reference:
         V_max of Francis et al. 2023.

@@ -1,69 +1,106 @@
-"""All metrics by name, with units: what ``episodes.csv`` has a column of."""
+"""All metrics, one row each: columns of ``episodes.csv``, comparisons, endings and docs follow.
+
+A metric is two edits: its function, and its row here. A metric of the user's own is added by
+configuration instead; see ``docs/extending.md``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
 from navrl.evaluation.metrics import efficiency, ending, motion, people
+from navrl.evaluation.metrics.metric import Metric
 from navrl.evaluation.metrics.trajectory import Trajectory
 
-
-@dataclass(frozen=True)
-class Metric:
-    """A function of trajectories with a name and a unit.
-
-    Args:
-        name: Column of ``episodes.csv``.
-        unit: SI; ``1`` of a share or of 0 and 1.
-        function: From E episodes to ``[E]`` numbers; NaN where it is not defined.
-        better: ``higher`` or ``lower``; empty where neither is.
-        is_rate: Whether it is 0 or 1 in each episode.
-    """
-
-    name: str
-    unit: str
-    function: Callable[[Trajectory], np.ndarray]
-    better: str = ""
-    is_rate: bool = False
-
+_rate = partial(Metric, unit="1", is_rate=True)
+_touched = partial(_rate, better="lower", compared=True)
+_row = partial(Metric, compared=True)
+_per_success = partial(Metric, compared=True, over="successes")
 
 METRICS: tuple[Metric, ...] = (
-    Metric("success", "1", ending.success, "higher", True),
-    Metric("timeout", "1", ending.timeout, "lower", True),
-    Metric("collision", "1", ending.collision, "lower", True),
-    Metric("collision_wall", "1", ending.collision_wall, "lower", True),
-    Metric("collision_furniture", "1", ending.collision_furniture, "lower", True),
-    Metric("moved_into_pedestrian", "1", ending.moved_into_pedestrian, "lower", True),
-    Metric("run_into", "1", ending.run_into, "lower", True),
-    Metric("time_to_goal_s", "s", efficiency.time_to_goal, "lower"),
-    Metric("path_length_m", "m", efficiency.path_length, "lower"),
-    Metric("spl", "1", efficiency.spl, "higher"),
-    Metric("stl", "1", efficiency.stl, "higher"),
-    Metric("stalled_time_s", "s", efficiency.stalled_time, "lower"),
-    Metric("time_without_progress_s", "s", efficiency.time_without_progress, "lower"),
-    Metric("mean_speed_mps", "m/s", motion.mean_speed),
+    _rate("success", function=ending.success, better="higher", label="success", color="#009E73"),
+    _rate("timeout", function=ending.timeout, better="lower", label="timeout", color="#0072B2"),
+    _rate("collision", function=ending.collision, better="lower"),
+    _touched(
+        "collision_wall",
+        function=ending.collision_wall,
+        label="collision with a wall",
+        color="#E69F00",
+    ),
+    _touched(
+        "collision_furniture",
+        function=ending.collision_furniture,
+        label="collision with furniture",
+        color="#F0E442",
+    ),
+    _touched(
+        "moved_into_pedestrian",
+        function=ending.moved_into_pedestrian,
+        label="robot moved into a pedestrian",
+        color="#D55E00",
+    ),
+    _touched(
+        "run_into",
+        function=ending.run_into,
+        label="pedestrian moved into the robot",
+        color="#CC79A7",
+    ),
+    _per_success("time_to_goal_s", "s", efficiency.time_to_goal, "lower"),
+    _per_success("path_length_m", "m", efficiency.path_length, "lower"),
+    _row("spl", "1", efficiency.spl, "higher", of_error=0.0),
+    _row("stl", "1", efficiency.stl, "higher", of_error=0.0),
+    _per_success("stalled_time_s", "s", efficiency.stalled_time, "lower"),
+    _per_success("time_without_progress_s", "s", efficiency.time_without_progress, "lower"),
+    _row("mean_speed_mps", "m/s", motion.mean_speed),
     Metric("max_speed_mps", "m/s", motion.max_speed),
-    Metric("mean_acceleration_mps2", "m/s^2", motion.mean_acceleration, "lower"),
+    _row("mean_acceleration_mps2", "m/s^2", motion.mean_acceleration, "lower"),
     Metric("max_acceleration_mps2", "m/s^2", motion.max_acceleration, "lower"),
-    Metric("mean_jerk_mps3", "m/s^3", motion.mean_jerk, "lower"),
+    _row("mean_jerk_mps3", "m/s^3", motion.mean_jerk, "lower"),
     Metric("max_jerk_mps3", "m/s^3", motion.max_jerk, "lower"),
-    Metric("heading_change_rad", "rad", motion.cumulative_heading_change, "lower"),
-    Metric("min_pedestrian_distance_m", "m", people.min_pedestrian_distance, "higher"),
-    Metric("mean_pedestrian_distance_m", "m", people.mean_pedestrian_distance, "higher"),
-    Metric("beyond_0.45m_share", "1", people.beyond_intimate, "higher"),
-    Metric("beyond_1.2m_share", "1", people.beyond_personal, "higher"),
-    Metric("min_time_to_collision_s", "s", people.min_time_to_collision, "higher"),
+    _per_success("heading_change_rad", "rad", motion.cumulative_heading_change, "lower"),
+    _row("min_pedestrian_distance_m", "m", people.min_pedestrian_distance, "higher"),
+    _row("mean_pedestrian_distance_m", "m", people.mean_pedestrian_distance, "higher"),
+    _row("beyond_0.45m_share", "1", people.beyond_intimate, "higher"),
+    _row("beyond_1.2m_share", "1", people.beyond_personal, "higher"),
+    _row("min_time_to_collision_s", "s", people.min_time_to_collision, "higher"),
 )
-"""Every metric, in the order of the columns."""
-
-OF_ERROR = {m.name: 0.0 for m in METRICS if m.is_rate or m.name in ("spl", "stl")}
-"""What an episode that raised counts as: no success, so nothing of what success weighs either, and
-no contact or timeout that is known. All else is undefined, as nobody knows how it was driven."""
+"""Every metric of navrl, in the order of the columns."""
 
 
-def measure(trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Return all metrics ``[E]`` of E episodes, by name."""
-    return {metric.name: metric.function(trajectory) for metric in METRICS}
+def values_of_error(metrics: Iterable[Metric] = METRICS) -> dict[str, float]:
+    """Return the values of an episode that raised, by name; metrics without one are left out.
+
+    It is no success, so nothing of what success weighs either, and no contact or timeout is known.
+    All else is undefined, since the drive was not recorded.
+    """
+    return {m.name: m.of_error for m in metrics if m.of_error is not None}
+
+
+OF_ERROR = values_of_error()
+"""Values of an episode that raised, by name of navrl's metrics."""
+
+
+def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict[str, np.ndarray]:
+    """Return metrics ``[E]`` of E episodes, by name.
+
+    Args:
+        trajectory: The episodes.
+        metrics: Which ones.
+
+    Raises:
+        ValueError: If a metric returns another shape.
+    """
+    return {metric.name: metric.values(trajectory) for metric in metrics}
+
+
+def markdown_table(metrics: Iterable[Metric] = METRICS) -> str:
+    """Return a table of name, unit, definition and source of each metric, as the site prints it."""
+    rows = ["| metric | unit | definition | source |", "|---|---|---|---|"]
+    for metric in metrics:
+        unit = metric.unit.replace("^2", "²").replace("^3", "³")
+        cells = (text.replace("|", r"\|") for text in (metric.definition, metric.source))
+        rows.append(f"| `{metric.name}` | {unit} | {' | '.join(cells)} |")
+    return "\n".join(rows)

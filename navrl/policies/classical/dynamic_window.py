@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.policies.classical.commands import last_command, normalized_action
+from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 
 
-class DynamicWindow(TensorDictModuleBase):
+class DynamicWindow(Controller):
     """Follow the path among what the scan shows, by sampled arcs.
 
     Each pair of a speed and a turn rate within reach of the robot's wheels is an arc, driven for

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 
 from navrl import keys
+from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
@@ -15,7 +15,7 @@ _WEYL = (
 )
 
 
-class StandStill(TensorDictModuleBase):
+class StandStill(Controller):
     """Never move.
 
     Args:
@@ -39,7 +39,7 @@ class StandStill(TensorDictModuleBase):
         return tensordict.set(keys.ACTION, action)
 
 
-class UniformRandom(TensorDictModuleBase):
+class UniformRandom(Controller):
     """Draw each action uniformly within the limits.
 
     Once :meth:`prepare` was called each world has draws of its own, fixed by its scenario: an

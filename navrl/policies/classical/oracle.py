@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
 from navrl.ops.kernels.space_time import FOUND, plan_kernel
 from navrl.policies.classical.commands import normalized_action
 from navrl.policies.classical.space_time_maps import space_time_maps
+from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
@@ -42,7 +42,7 @@ class SearchEffort:
             )
 
 
-class Oracle(TensorDictModuleBase):
+class Oracle(Controller):
     """Plan the whole drive before it begins, then replay it with closed eyes.
 
     It cheats in all things: :meth:`prepare` reads the walls and where each pedestrian will be at
@@ -72,6 +72,9 @@ class Oracle(TensorDictModuleBase):
         Dolgov et al., "Practical search techniques in path planning for autonomous driving", 2008
         (hybrid A*). Time as a dimension of the search and the efforts are ours.
     """
+
+    privileged = True
+    needs_known_future = True
 
     def __init__(
         self,

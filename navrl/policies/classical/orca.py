@@ -7,13 +7,13 @@ from types import ModuleType
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
 from navrl.extras import install_hint
 from navrl.ops import se2
 from navrl.policies.classical.commands import last_command, normalized_action
+from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
@@ -22,7 +22,7 @@ _ROBOT = 0  # its number in RVO2; people follow
 _NOWHERE = 1e4  # m, position of absent people
 
 
-class Orca(TensorDictModuleBase):
+class Orca(Controller):
     """Follow the waypoints with the collision-free velocity nearest to the preferred one.
 
     The controller is privileged: it reads the walls and the true boxes of the pedestrians, and
@@ -54,6 +54,9 @@ class Orca(TensorDictModuleBase):
         Van den Berg et al., "Reciprocal n-body collision avoidance", 2011; RVO2 2.0.3 by pyrvo.
         Full instead of half avoidance and the drive of a unicycle are ours.
     """
+
+    privileged = True
+    requires = ("pyrvo",)
 
     def __init__(
         self,

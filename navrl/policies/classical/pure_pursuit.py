@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
 from navrl.policies.classical.commands import normalized_action
+from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 
 
-class PurePursuit(TensorDictModuleBase):
+class PurePursuit(Controller):
     """Follow the path at full speed on the arc through a waypoint.
 
     Args:

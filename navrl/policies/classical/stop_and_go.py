@@ -6,16 +6,16 @@ import math
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from navrl import keys
 from navrl.policies.classical.commands import normalized_action
 from navrl.policies.classical.pure_pursuit import PurePursuit
+from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 
 
-class StopAndGo(TensorDictModuleBase):
+class StopAndGo(Controller):
     """Drive the arc of pure pursuit; stop while a point of the scan lies on it.
 
     While it waits it turns to the waypoint. A person who stands on the path blocks it forever, and

@@ -6,12 +6,12 @@ import math
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModuleBase
 
 from navrl import keys
+from navrl.policies.controller import Controller
 
 
-class WaypointSubgoal(TensorDictModuleBase):
+class WaypointSubgoal(Controller):
     """Ask for the next waypoints one after the other; only the subgoals' own safety is added.
 
     Args:

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from navrl.evaluation.metrics import Trajectory, collision_furniture
+from navrl.evaluation.metrics import METRICS, Trajectory, collision_furniture
 from navrl.evaluation.recording import Recording
+from navrl.evaluation.results import OUTCOMES
 from navrl.sim import Contact
-from navrl.viz.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILLION, YELLOW
-
-ENDINGS = {
-    "success": ("success", GREEN),
-    "moved_into_pedestrian": ("robot moved into a pedestrian", VERMILLION),
-    "run_into": ("pedestrian moved into the robot", PURPLE),
-    "collision_pedestrian": ("collision with a pedestrian, blame not kept", "#EFB08C"),
-    "collision_wall": ("collision with a wall", ORANGE),
-    "collision_furniture": ("collision with furniture", YELLOW),
-    "collision_static": ("collision with a wall or furniture", "#F3D694"),
-    "timeout": ("timeout", BLUE),
-    "error": ("error", BLACK),
-}
-"""Label and colour of each ending; two are of files from before contacts were told apart."""
+from navrl.viz.style import BLACK
 
 _PARTS = {
     "collision_pedestrian": ("moved_into_pedestrian", "run_into"),
     "collision_static": ("collision_wall", "collision_furniture"),
 }
+_UNDIVIDED = {  # of files from before the contacts were classified
+    "collision_pedestrian": ("collision with a pedestrian, blame not kept", "#EFB08C"),
+    "collision_static": ("collision with a wall or furniture", "#F3D694"),
+}
+
+
+def _endings() -> dict[str, tuple[str, str]]:
+    """Return label and color of each ending, in the order of the outcomes."""
+    known = {m.name: (m.label, m.color) for m in METRICS if m.is_ending} | _UNDIVIDED
+    names = [name for outcome in OUTCOMES for name in (*_PARTS.get(outcome, ()), outcome)]
+    return {**{name: known[name] for name in names}, "error": ("error", BLACK)}
+
+
+ENDINGS = _endings()
+"""Label and color of each ending; two are of files from before contacts were classified."""
 _BLAME = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_into"}
 
 

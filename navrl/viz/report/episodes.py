@@ -11,6 +11,7 @@ import numpy as np
 from navrl.evaluation.recording import Recording
 from navrl.ops.contact import nearest_point_on_box
 from navrl.viz.animation import episode_name
+from navrl.viz.drive import forward_and_turn
 from navrl.viz.report.endings import ENDINGS, ending_of_recording, ending_of_row
 from navrl.viz.scene import attention_scale, closest_step, scene_limits
 
@@ -62,7 +63,7 @@ def episode_data(
         "people": [_people(boxes) for boxes in recording.pedestrian_boxes],
         "points": [_rounded(points) for points in _scan_points(recording)],
         "tagd": _tagd(recording),
-        "action": _rounded(recording.action, 4),
+        "action": _rounded(forward_and_turn(recording), 4),
         "rewards": {k: _rounded(v, 4) for k, v in recording.reward_terms.items()},
         "spatial": _weights(recording, "spatial"),
         "temporal": _weights(recording, "temporal"),
@@ -123,8 +124,8 @@ def _story(recording: Recording, ending: str) -> str:
     )
     if end < 1:
         return story
-    speed = float(recording.action[-1, 0])
-    turn = float(np.degrees(recording.action[-1, 1]))
+    speed, turn = forward_and_turn(recording)[-1].tolist()
+    turn = float(np.degrees(turn))
     story += f" The last command was {speed:.2f} m/s and {turn:+.0f}°/s."
     before = max(0, end - round(_BEFORE_S / recording.time_step_s))
     distance, closing = _nearest(recording, end), _nearest(recording, before)

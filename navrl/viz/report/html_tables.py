@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
-from navrl.evaluation.metrics import METRICS
 from navrl.evaluation.pairing import MetricComparison
 from navrl.evaluation.statistics import (
     MIN_PAIRS,
@@ -22,7 +21,6 @@ from navrl.viz.report.endings import ENDINGS, ending_of_row
 from navrl.viz.report.verdict import members
 
 _RATES = ("success", "collision", "timeout")
-_BETTER = {metric.name: metric.better for metric in METRICS}
 
 
 def comparison_table(table: ComparisonTable) -> str:
@@ -145,8 +143,7 @@ def measures_table(table: ComparisonTable) -> str:
 
 def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bool) -> str:
     cells = [f'<th scope="row">{escape(metric.name)}</th>']
-    better = _BETTER.get(metric.name, "lower")  # latencies are no metric of a trajectory
-    cells += _words(better, row.policy + "*" * row.cheats)
+    cells += _words(metric.better, row.policy + "*" * row.cheats)
     for estimate, over in ((metric.own, f" {metric.over}"), (metric.common, "")):
         cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}{over}")]
     difference = metric.difference

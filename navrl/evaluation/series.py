@@ -1,0 +1,51 @@
+"""Time series of the episodes that are played side by side, for their metrics."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import TransformedEnv
+
+from navrl import keys
+from navrl.evaluation.metrics import Trajectory
+from navrl.worlds import ScenarioBatch
+
+
+class Series:
+    """What metrics need of each step of N worlds."""
+
+    def __init__(self, carrier: TensorDictBase) -> None:
+        self._pose = [carrier[keys.POSE]]
+        self._pedestrians = [carrier[keys.PEDESTRIAN_BOXES]]
+        self._steps = torch.zeros(len(carrier), dtype=torch.int64, device=carrier.device)
+        self._outcome, self._contact = self._steps, self._steps
+        self.running = torch.ones_like(self._steps, dtype=torch.bool)
+
+    def add(self, stepped: TensorDictBase) -> None:
+        """Add a step; worlds that have ended stay ended."""
+        following = stepped["next"]
+        self._pose.append(following[keys.POSE])
+        self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
+        self._steps = self._steps + self.running
+        ends = self.running & following["done"].squeeze(-1)
+        self._outcome = torch.where(ends, following[keys.OUTCOME].squeeze(-1), self._outcome)
+        self._contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), self._contact)
+        self.running = self.running & ~ends
+
+    def trajectory(self, env: TransformedEnv, scenarios: ScenarioBatch, count: int) -> Trajectory:
+        """Return the first ``count`` worlds' episodes."""
+        simulator = env.base_env.simulator
+        pose, pedestrians = (
+            torch.stack(series, dim=1)[:count].cpu().numpy()
+            for series in (self._pose, self._pedestrians)
+        )
+        last = (self._steps, self._outcome, self._contact)
+        return Trajectory.from_series(
+            scenarios,
+            pose,
+            pedestrians,
+            *(value[:count].cpu().numpy() for value in last),
+            time_step_s=simulator.time_step_s,
+            robot_radius=simulator.robot.radius,
+            max_speed=simulator.robot.top_speed,
+        )
