@@ -84,8 +84,8 @@ def map_reset_rows(
     """Apply a transform's ``_call`` to the rows that were reset; the others keep present values.
 
     TorchRL throws the other rows of a partial reset away, but statistics of whole batches behind
-    the transform (VecNorm) read them. TorchRL's own ``TransformedEnv`` hides the present values; then
-    all rows are mapped as at a reset, which gives those of the outputs that follow from one time.
+    the transform (VecNorm) read them. TorchRL's own ``TransformedEnv`` hides the present values;
+    then all rows are mapped as at a reset, which is right for outputs that follow from one time.
 
     Args:
         transform: Whose outputs depend on its ``in_keys`` row by row.
