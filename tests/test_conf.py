@@ -8,7 +8,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from navrl import factory, jobs
-from navrl.config import CONF_DIR, compose
+from navrl.config import CONF_DIR, check_types, compose
 
 FILES = sorted(CONF_DIR.rglob("*.yaml"))
 EXPERIMENTS = sorted(path.stem for path in (CONF_DIR / "experiment").glob("*.yaml"))
@@ -43,6 +43,23 @@ def test_nodes_bind_to_the_signatures_of_their_targets(path):
         target = resolve(node["_target_"])
         arguments = {k: v for k, v in node.items() if not k.startswith("_") and k != "defaults"}
         inspect.signature(target).bind_partial(**arguments)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))
+def test_default_of_a_real_argument_is_real(path):
+    """An override is compared with the type of the default: after 60 only integers are taken."""
+    for node in nodes(OmegaConf.to_container(OmegaConf.load(path), resolve=False)):
+        arguments = inspect.signature(resolve(node["_target_"])).parameters
+        for name, value in node.items():
+            if type(value) is int and name in arguments:
+                annotation = str(arguments[name].annotation)
+                assert "float" not in annotation or "int" in annotation, f"{name}: {value}"
+
+
+@pytest.mark.parametrize("override", ["checkpoint_every_s=0.5", "frames_per_update=0.5"])
+@pytest.mark.parametrize("choice", ["schedule=quick", "schedule=standard", "hardware=gpu"])
+def test_schedules_take_fractions(override, choice):
+    check_types("train", [choice, f"schedule.{override}"])
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))

@@ -24,6 +24,7 @@ from navrl.deploy.safety import (
     safe_command,
 )
 from navrl.policies import load_bundle
+from navrl.policies.classical.commands import normalized_action
 from navrl.sim import Lidar, RobotModel
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
@@ -80,6 +81,7 @@ class PolicyRunner:
         senses.action_spec  # noqa: B018, built now: a misfit is told here and not at the first scan
         self._env, self._transform = senses, senses.transform
         self._actor, self._robot = actor, robot
+        self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
 
@@ -123,7 +125,7 @@ class PolicyRunner:
             ``[C]`` float32 within the robot's limits, e.g. (v, w) in m/s and rad/s; to be driven
             until the next scan, 0.2 s later in training. Zero unless :attr:`state` is ``DRIVE``.
             What the robot sensed is not remembered while it is blind or off its path, nor after a
-            bad command.
+            bad command; the stop is, as the last action.
 
         Raises:
             ValueError: If a shape does not fit, if pose or path is not finite, or if the yaw is
@@ -132,11 +134,11 @@ class PolicyRunner:
         self.state = None  # until a decision is made
         sensed = self._checked(ranges, pose, path)
         command, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
-        return (
-            command
-            if self.state is DriveState.DRIVE
-            else np.zeros(self._robot.command_size, dtype=np.float32)
-        )
+        if self.state is DriveState.DRIVE:
+            return command
+        if self._past is not None:  # controllers read the action that was driven, which is a stop
+            self._past = self._past.copy().set(keys.ACTION, self._stop.clone())
+        return np.zeros(self._robot.command_size, dtype=np.float32)
 
     def _decide(
         self, sensed: TensorDictBase, state: DriveState

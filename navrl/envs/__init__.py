@@ -3,6 +3,7 @@
 from navrl.envs.navigation import NavigationEnv
 from navrl.envs.outcome import Outcome
 from navrl.envs.rewards import Collision, Goal, Guidance, Progress, Proximity, Transition
+from navrl.envs.transformed import TransformedNavigationEnv
 
 __all__ = [
     "Collision",
@@ -12,5 +13,6 @@ __all__ = [
     "Outcome",
     "Progress",
     "Proximity",
+    "TransformedNavigationEnv",
     "Transition",
 ]

@@ -14,7 +14,7 @@ from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl.config import instantiate
-from navrl.envs import NavigationEnv
+from navrl.envs import NavigationEnv, TransformedNavigationEnv
 from navrl.ops.backend import find_device
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds import ScenarioPool, Suite
@@ -131,7 +131,7 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
         ValueError: If the transforms assume another mount or other angles of the lidar.
     """
     check_lidar(transforms, env.simulator.lidar)
-    transformed = TransformedEnv(env, transforms.clone())
+    transformed = TransformedNavigationEnv(env, transforms.clone())
     transformed.append_transform(ActionScaling())
     for part in (env, transformed):
         _share_bounds(part.full_observation_spec)

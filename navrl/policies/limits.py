@@ -1,7 +1,8 @@
 """Bounds on a bundle's numbers: loading a stranger's bundle allocates what its files hold.
 
 A network is first built without memory and compared with the shapes that the weights' file lists,
-so its size is bounded by that file. All other sizes are bounded by their names.
+so its size is bounded by that file. All other sizes are bounded by their names, and products of
+them by the transforms that allocate them.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from torch import Tensor, nn
 
 from navrl.policies.nodes import BundleError, build_node, reason, walk
 
-_MAX_NUMBER = 100_000  # of any whole number: a sensor's beams, a layer's units
+_MAX_NUMBER = 100_000  # of any whole number: a layer's units
 _MAX_TEXT = 1_000  # characters of any text: keys and names
 _MAX_DEPTH = 50  # of nodes in nodes; those of the zoo have 8
 _MAX = {
+    "num_beams": 10_000,  # alignment compares each point with each
+    "num_points": 10_000,
     "num_groups": 10_000,
     "num_waypoints": 10_000,
     "num_scans": 100,  # past scans, each with all of its points

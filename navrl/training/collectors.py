@@ -113,7 +113,7 @@ class DirectCollector:
                 self.behaviour.act(self._carrier, frames)
             with phases("environment"), torch_on_one_thread():
                 stepped, self._carrier = self.env.step_and_maybe_reset(self._carrier)
-                _forget_last_action(self._carrier, stepped["next", "done"])
+                forget_last_action(self._carrier, stepped["next", "done"])
         return 0, stepped
 
     def state_dict(self) -> dict:
@@ -135,6 +135,6 @@ class DirectCollector:
         self.env.close(raise_if_closed=False)
 
 
-def _forget_last_action(carrier: TensorDictBase, was_reset: Tensor) -> None:
+def forget_last_action(carrier: TensorDictBase, was_reset: Tensor) -> None:
     """Set ``action [N, 2]`` to NaN where ``was_reset [N, 1]``: a new episode begins at rest."""
     carrier.set(keys.ACTION, carrier.get(keys.ACTION).masked_fill(was_reset, torch.nan))

@@ -11,11 +11,14 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector as TorchRLCollector
-from torchrl.envs import Transform, TransformedEnv
+from torchrl.envs import InitTracker, Transform, TransformedEnv
 
 from navrl import keys
 from navrl.training.behaviour import Behaviour
+from navrl.training.collectors import forget_last_action
 from navrl.training.replay import Compact
+
+_BEGINS = "is_init"  # [N, 1] bool: the first step of an episode
 
 
 class WorkerPolicy(TensorDictModuleBase):
@@ -53,6 +56,9 @@ class WorkerPolicy(TensorDictModuleBase):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action, and the level for the environment to take."""
+        last = tensordict.get(keys.ACTION, None)
+        if last is not None:  # of the episode before, or zeros that the collector begins with
+            forget_last_action(tensordict, tensordict.get(_BEGINS))
         level = self.max_dynamic.expand(*tensordict.batch_size, 1)
         tensordict.set(keys.MAX_DYNAMIC, level.clone())
         return self.behaviour.act(tensordict, int(self.frames))
@@ -103,6 +109,7 @@ class WorkerEnv:
         env = self.make_env(self.seed)
         env.base_env.max_dynamic = self.max_dynamic
         env.append_transform(CurriculumLevel())
+        env.append_transform(InitTracker(init_key=_BEGINS))
         return env
 
 

@@ -14,6 +14,8 @@ from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap, check_positive
 from navrl.transforms.observation_map import Keys
 
+_MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
+_MAX_TIMES = 100
 _SAME_ROOM = 1e-3
 """m, clearances that differ by less are equal: far below the noise of a range."""
 
@@ -99,10 +101,10 @@ class ActionShield(ActionMap):
                 f"least_speed={least_speed}, most_speed={most_speed}: "
                 "need 0 < least_speed < most_speed"
             )
+        count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
         self.speed_range = (least_speed, most_speed)
         self.group_radius = group_radius
-        count = math.ceil(horizon / time_step * checks_per_step)
         self.times = [horizon * k / count for k in range(count + 1)]
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
         self.register_buffer("_grid", grid, persistent=False)
@@ -153,3 +155,25 @@ class ActionShield(ActionMap):
         places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
         steps = [time / self.time_step for time in self.times]
         return room_along(places, points, motion, steps).amin(-1) - self.radius
+
+
+def _check_sizes(
+    horizon: float, time_step: float, checks_per_step: int, num_speeds: int, num_turn_rates: int
+) -> int:
+    """Return the number of checked times after now, before anything of that size is allocated.
+
+    Raises:
+        ValueError: If there are too many times or commands.
+    """
+    count = horizon / time_step * checks_per_step
+    if count > _MAX_TIMES:
+        raise ValueError(
+            f"horizon={horizon}, time_step={time_step}, checks_per_step={checks_per_step}: "
+            f"must be at most {_MAX_TIMES} times, horizon / time_step * checks_per_step"
+        )
+    if num_speeds * num_turn_rates > _MAX_COMMANDS:
+        raise ValueError(
+            f"num_speeds={num_speeds}, num_turn_rates={num_turn_rates}: "
+            f"must be at most {_MAX_COMMANDS:,} commands, their product"
+        )
+    return math.ceil(count)

@@ -19,6 +19,8 @@ from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec
 if TYPE_CHECKING:
     from navrl.sim import Lidar
 
+_MAX_TABLE = 10_000_000  # entries, bins times the beams of the fullest one
+
 
 class MinPool(ObservationMap):
     """Keep the nearest return of each of N equal bins of bearings, as range and as point.
@@ -104,7 +106,7 @@ class MinPool(ObservationMap):
     def map_specs(self, ranges: TensorSpec) -> Sequence[TensorSpec]:
         """Return the specs of pooled ranges, points, returns and, if asked for, seen."""
         try:
-            num_points = self.layout(ranges.shape[-1]).num_bins
+            num_points = self._checked_bins(ranges.shape[-1])
         except ValueError as error:
             raise ValueError(f"MinPool on key {self.in_keys[0]!r}: {error}") from None
         shape = (*ranges.shape[:-1], num_points)
@@ -115,6 +117,17 @@ class MinPool(ObservationMap):
             Bounded(-self.max_range, self.max_range, (*shape, 2), **kind),
             *flags,
         )
+
+    def _checked_bins(self, num_beams: int) -> int:
+        """Return the number of bins; the table of each bin's beams is bounded before it is made."""
+        layout = self.layout(num_beams)
+        fullest = int(layout.bin_of(layout.beam_bearings()).bincount().max())
+        if layout.num_bins * fullest > _MAX_TABLE:
+            raise ValueError(
+                f"num_points={layout.num_bins} with {fullest} beams in one bin: "
+                f"their product must be at most {_MAX_TABLE:,}"
+            )
+        return layout.num_bins
 
 
 def check_lidar(transforms: Transform, lidar: Lidar) -> None:

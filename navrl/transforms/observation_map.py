@@ -81,13 +81,16 @@ class ObservationMap(Transform):
 def map_reset_rows(
     transform: Transform, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
 ) -> TensorDictBase:
-    """Apply a transform's ``_call`` to the rows that were reset, and to those only.
+    """Apply a transform's ``_call`` to the rows that were reset; the others keep present values.
 
-    TorchRL throws the other rows of a partial reset away; here their outputs are zero.
+    TorchRL throws the other rows of a partial reset away, but statistics of whole batches behind
+    the transform (VecNorm) read them. TorchRL's own ``TransformedEnv`` hides the present values;
+    then all rows are mapped as at a reset, which is right for outputs that follow from one time.
 
     Args:
         transform: Whose outputs depend on its ``in_keys`` row by row.
-        tensordict: What the reset was asked with, ``_reset`` among it.
+        tensordict: What the reset was asked with: ``_reset``, and the present values as
+            :class:`navrl.envs.TransformedNavigationEnv` hands them over.
         tensordict_reset: ``[*B]``, what the environment returned.
 
     Returns:
@@ -96,16 +99,15 @@ def map_reset_rows(
     mask = tensordict.get("_reset", None)
     if mask is None or mask.shape != (*tensordict_reset.batch_size, 1):
         return transform._call(tensordict_reset)
-    mask = mask.squeeze(-1)
-    index = mask.nonzero(as_tuple=True)  # once: a device has to be waited for
+    present = [tensordict.get(key, None) for key in transform.out_keys]
+    if any(value is None for value in present):
+        return transform._call(tensordict_reset)
+    index = mask.squeeze(-1).nonzero(as_tuple=True)  # once: a device has to be waited for
     if len(index[0]) == mask.numel():
         return transform._call(tensordict_reset)
     rows = transform._call(tensordict_reset.select(*transform.in_keys, strict=False)[index])
-    for key in transform.out_keys:
-        value = rows.get(key)
-        whole = value.new_zeros(*mask.shape, *value.shape[1:])
-        whole[index] = value
-        tensordict_reset.set(key, whole)
+    for key, value in zip(transform.out_keys, present, strict=True):
+        tensordict_reset.set(key, value.index_put(index, rows.get(key)))
     return tensordict_reset
 
 

@@ -14,6 +14,7 @@ from navrl.ops import se2
 from navrl.ops.projection import project_ranges
 from navrl.transforms.observation_map import (
     Keys,
+    map_reset_rows,
     nested_keys,
     read,
     read_spec,
@@ -92,7 +93,7 @@ class RangeHistory(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        return map_reset_rows(self, tensordict, tensordict_reset)
 
     def _write(self, tensordict: TensorDictBase, past: Tensor) -> TensorDictBase:
         now = torch.linalg.vector_norm(read(self, tensordict, self.in_keys[0]), dim=-1)

@@ -10,6 +10,7 @@ from torchrl.envs import Transform
 from navrl import keys
 from navrl.transforms.observation_map import (
     Keys,
+    map_reset_rows,
     nested_keys,
     read,
     read_spec,
@@ -64,7 +65,7 @@ class ScanHistory(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        return map_reset_rows(self, tensordict, tensordict_reset)
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

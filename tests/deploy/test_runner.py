@@ -80,28 +80,46 @@ def test_trained_policy_drives_an_episode_in_one_state(policy):
     for step in range(episode.num_steps):
         command = runner.act(episode.ranges[step], episode.pose[step], episode.path)
         assert runner.state is DriveState.DRIVE
-        np.testing.assert_allclose(command, episode.action[step], atol=1e-5)
+        np.testing.assert_allclose(command, episode.action[step], rtol=1e-5, atol=1e-5)
     runner.act(episode.ranges[-1], episode.pose[-1], episode.path)
     assert episode.outcome == "success" and runner.state is DriveState.AT_GOAL
 
 
-def test_a_controller_reads_its_last_action():
-    """A dynamic window on slow wheels reaches full speed, and starts at rest after a reset."""
+@pytest.fixture
+def slow_wheels():
+    """A dynamic window on slow wheels: 0.4 m/s more in each step."""
     cfg = compose("evaluate", ["policy=dwa", "robot=kobuki_wheeled"])
     robot = instantiate(cfg.robot)
-    runner = PolicyRunner(
-        instantiate(cfg.transforms),
-        DynamicWindow(robot),
-        instantiate(cfg.lidar),
-        robot,
-        SafetyLimits.simulated(),
-    )
+    parts = (DynamicWindow(robot), instantiate(cfg.lidar), robot)
+    return PolicyRunner(instantiate(cfg.transforms), *parts, SafetyLimits(min_measured_share=0.0))
+
+
+def free():
+    """A free circle whose wall behind is out of reach."""
     scan = clear()
-    scan[0] = 3.4  # a free circle is not a blind one
+    scan[0] = 3.4
+    return scan
+
+
+def test_a_controller_reads_its_last_action(slow_wheels):
+    """It reaches full speed, and starts at rest after a reset."""
     for _ in range(2):
-        speeds = [runner.act(scan, (0, 0, 0), AHEAD)[0] for _ in range(4)]
+        speeds = [slow_wheels.act(free(), (0, 0, 0), AHEAD)[0] for _ in range(4)]
         assert speeds == pytest.approx([0.4, 0.8, 1.0, 1.0], abs=1e-3)
-        runner.reset()
+        slow_wheels.reset()
+
+
+@pytest.mark.parametrize("state", ["blind", "blocked", "off_path", "at_goal"])
+def test_last_action_after_a_stop_is_zero(slow_wheels, state):
+    """The command that was driven, not the one that the controller asked for."""
+    for _ in range(3):
+        slow_wheels.act(free(), (0, 0, 0), AHEAD)
+    ranges, pose = free(), {"off_path": (0, 5, 0), "at_goal": (2, 0.5, 0)}.get(state, (0, 0, 0))
+    ranges[:100] = {"blind": np.nan, "blocked": -np.inf}.get(state, 3.5)
+    for _ in range(2):
+        assert slow_wheels.act(ranges, pose, AHEAD).tolist() == [0.0, 0.0]
+        assert slow_wheels.state == state
+    assert slow_wheels.act(free(), (0, 0, 0), AHEAD)[0] == pytest.approx(0.4, abs=1e-3)
 
 
 def test_the_past_counts_and_is_forgotten(runner):

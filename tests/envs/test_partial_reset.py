@@ -6,7 +6,7 @@ from torchrl.envs import Transform, TransformedEnv, VecNorm
 from torchrl.envs.transforms import VecNormV2
 
 from navrl import factory
-from navrl.config import compose
+from navrl.config import compose, instantiate
 
 NUM_WORLDS = 4
 
@@ -89,3 +89,57 @@ def test_running_mean_has_no_zero_rows(norm):
     assert mean > 1.0
     loc = vec_norm.loc["ranges"]
     torch.testing.assert_close(loc.mean(), mean, rtol=0.02, atol=0.0)
+
+
+def perceiving(kind, steps="paper"):
+    """Return an environment with perception transforms, and what follows them."""
+    recorder, transforms = (
+        ResetRecorder(),
+        instantiate(compose("train", [f"transforms={steps}"]).transforms),
+    )
+    env = (
+        TransformedEnv(make(), transforms)
+        if kind == "torchrl"
+        else factory.make_env(make(), transforms)
+    )
+    return env.append_transform(recorder), recorder
+
+
+@pytest.mark.parametrize("steps", ["paper", "navrl_best"])
+@pytest.mark.parametrize("through", ["reset", "maybe_reset"])
+def test_perception_carries_present_rows_through_a_reset(steps, through):
+    env, recorder = perceiving("navrl", steps)
+    td = driven(env)
+    if through == "reset":
+        _, kept = reset_some(env, td)
+    else:
+        done = torch.tensor([[False], [True], [False], [False]])
+        env.maybe_reset(td.clone().update({"done": done, "terminated": done}))
+        kept = ~done.squeeze(-1)
+    for key in env.observation_spec.keys(True, True):
+        assert torch.equal(recorder.seen[key][kept].nan_to_num(), td[key][kept].nan_to_num()), key
+    assert td["points"][kept].abs().amin((-1, -2)).max() > 0
+
+
+def test_torchrls_transformed_env_has_no_zero_rows():
+    """It hides the present rows from transforms; those of one time follow from its inputs."""
+    env, recorder = perceiving("torchrl")
+    td = driven(env)
+    _, kept = reset_some(env, td)
+    for key in ("ranges_pooled", "points", "returns", "waypoints", "spatial", "waypoint"):
+        torch.testing.assert_close(recorder.seen[key][kept], td[key][kept], rtol=0, atol=1e-5)
+    assert recorder.seen["tagd"][kept].abs().sum() > 0
+
+
+def test_running_mean_behind_perception_has_no_zero_rows():
+    env, recorder = perceiving("navrl")
+    env.append_transform(VecNorm(in_keys=["ranges_pooled"], out_keys=["scaled"]))
+    td, rows = env.rand_action(env.reset()), [recorder.seen["ranges_pooled"]]
+    for _ in range(40):
+        td = env.step(td)["next"]
+        rows.append(td["ranges_pooled"])
+        td, _ = reset_some(env, td)
+        rows.append(td["ranges_pooled"])
+        td = env.rand_action(td)
+    loc = env.transform[-1].loc["ranges_pooled"]
+    torch.testing.assert_close(loc.mean(), torch.cat(rows).mean(), rtol=0.02, atol=0.0)

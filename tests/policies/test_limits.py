@@ -10,6 +10,7 @@ import yaml
 from omegaconf import OmegaConf
 
 from navrl.config import compose
+from navrl.deploy import PolicyRunner
 from navrl.files import write_text
 from navrl.jobs.evaluation import make_evaluated_policy
 from navrl.policies import ZOO, BundleError, load_bundle
@@ -57,6 +58,8 @@ def test_a_network_larger_than_its_weights_takes_no_memory(folder, built, size):
     [
         ("lidar", "num_beams", 10**9),
         ("lidar", "num_beams", -(10**9)),
+        ("lidar", "num_beams", 50_000),
+        ("transforms", "num_points", 50_000),
         ("transforms", "num_groups", 50_000),
         ("transforms", "num_scans", 1_000),
         ("transforms", "max_iterations", 10**5),
@@ -68,6 +71,33 @@ def test_a_number_beyond_its_bound_is_named(folder, part, name, value):
     edited(folder, lambda config: config[part].update({"deep": [{name: value}]}))
     with pytest.raises(BundleError, match=rf"{part}\.deep\[0\]\.{name}.*at most"):
         load_bundle(folder)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"num_speeds": 5_000, "num_turn_rates": 2_001}, "num_speeds=5000, num_turn_rates=2001"),
+        ({"num_speeds": 50_000}, "num_speeds=50000, num_turn_rates=25"),
+        ({"time_step": 1e-6}, "horizon=0.4, time_step=1e-06, checks_per_step=2"),
+        ({"horizon": 1e5}, "horizon=100000.0, time_step=0.2"),
+        ({"checks_per_step": 50_000}, "checks_per_step=50000"),
+    ],
+)
+def test_a_shield_beyond_its_bounds_is_named(folder, values, message):
+    """Products of sizes: each of them alone is allowed."""
+    shield = {"_target_": "navrl.transforms.ActionShield", **values}
+    edited(folder, lambda config: config["transforms"].update(shield=shield))
+    with pytest.raises(BundleError, match=rf"{message}.*at most"):
+        load_bundle(folder)
+
+
+def test_a_pooling_with_all_beams_in_one_of_many_bins_is_refused(folder):
+    """The table of beams by bin would have 64 million entries."""
+    change = {"group_size": None, "num_points": 8_000, "angle_increment": 1e-9}
+    edited(folder, lambda config: config["lidar"].update(num_beams=8_000))
+    edited(folder, lambda config: config["transforms"]["min_pool"].update(change))
+    with pytest.raises(ValueError, match=r"num_points=8000.*8000 beams.*at most"):
+        PolicyRunner.from_bundle(folder)
 
 
 def test_a_config_may_not_be_nested_without_end(folder):

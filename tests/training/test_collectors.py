@@ -7,10 +7,11 @@ import pytest
 import torch
 from runs import TINY, tiny_trainer
 from tensordict import TensorDict
+from torchrl.collectors import Collector as TorchRLCollector
 
 from navrl import factory, keys
 from navrl.config import compose, describe
-from navrl.training.worker import WorkerEnv, worker_seed
+from navrl.training.worker import WorkerBatch, WorkerEnv, worker_seed
 
 WATCHED = [
     "replay.storage=float32",
@@ -182,3 +183,24 @@ def test_missing_ray_says_how_to_get_it(monkeypatch, tmp_path):
         factory.make_trainer(compose("train", [*TINY, "collector=ray"]), tmp_path)
     assert "collector=ray: needs ray" in describe(caught.value)
     assert "pip install -e '.[ray]'" in describe(caught.value)
+
+
+def test_workers_begin_an_episode_without_a_last_action(tmp_path):
+    """Neither that of the episode before, nor the zeros that a collector begins with."""
+    trainer = tiny_trainer(tmp_path, ["collector=process", "environment.time_limit_steps=3"])
+    policy, seen = trainer.collector.policy, []
+
+    def guide(tensordict):
+        last = tensordict.get(keys.ACTION, None)
+        seen.append(last is None or bool(last.isnan().all()))
+        return tensordict.set(keys.ACTION, torch.zeros(*tensordict.batch_size, 2))
+
+    policy.behaviour.guide, policy.behaviour.guided_fraction = guide, 1.0
+    policy.refresh(0, max_dynamic=2)
+    env = WorkerEnv(trainer.collector.make_env, 0, 1, max_dynamic=2)
+    collector = TorchRLCollector(env, policy, frames_per_batch=4 * 7, total_frames=4 * 7)
+    for batch in collector:
+        small = WorkerBatch(trainer.collector.compact, 0)(batch)
+        assert not small[keys.ACTION].isnan().any()
+    collector.shutdown()
+    assert seen[-7:] == [True, False, False, True, False, False, True]
