@@ -295,7 +295,7 @@ def record_episode(
 
     Args:
         env: Environment with ``privileged=True`` and any number of worlds; the first is recorded.
-        policy: Writes a normalised action; its attention is kept if it writes that too.
+        policy: Writes a normalized action; its attention is kept if it writes that too.
         scenario: What to play.
 
     Returns:

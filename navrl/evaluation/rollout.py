@@ -41,7 +41,7 @@ class Preparing(Protocol):
         """
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write a normalised action."""
+        """Write a normalized action."""
 
 
 class Recorder(Protocol):
@@ -113,11 +113,11 @@ def evaluate(
     Args:
         env: Environment over N worlds with ``privileged=True``; scenarios are played N at a time,
             in order, the last chunk padded by repetition.
-        policy: Writes a normalised action; noise is off. If it has a method ``prepare``, it is
+        policy: Writes a normalized action; noise is off. If it has a method ``prepare``, it is
             shown what it is about to play (:class:`Preparing`).
         scenarios: What to play.
         on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
-            with those of its neighbours once more.
+            with those of its neighbors once more.
         on_chunk: Called with the number of episodes finished since the last call.
         recorder: Told of each chunk and its transitions.
         chunks: Which episodes to play side by side; by default all, N at a time

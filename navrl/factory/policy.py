@@ -26,8 +26,8 @@ class EvaluatedPolicy:
 
     Args:
         name: For the reader.
-        policy: Writes a normalised action.
-        env: Raw environment, the policy's own transforms, normalised actions.
+        policy: Writes a normalized action.
+        env: Raw environment, the policy's own transforms, normalized actions.
     """
 
     name: str

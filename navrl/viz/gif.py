@@ -48,7 +48,7 @@ def write_gif(
 def _shared_palette(frames: Sequence[np.ndarray]) -> np.ndarray:
     """Return ``[C, 3]`` uint8 for all frames, so that nothing flickers.
 
-    The most frequent colours are kept as they are (white stays white, the legend's colours those of
+    The most frequent colors are kept as they are (white stays white, the legend's colors those of
     the scene); the others, from blending at edges, share what is left.
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, 5).astype(int))
@@ -64,7 +64,7 @@ def _shared_palette(frames: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _indexed(frame: np.ndarray, palette: np.ndarray) -> Image.Image:
-    """Map each pixel to the nearest colour; Pillow's own mapping misses colours that are there."""
+    """Map each pixel to the nearest color; Pillow's own mapping misses colors that are there."""
     packed = _packed(frame.reshape(-1, 3))
     _, first, index = np.unique(packed, return_index=True, return_inverse=True)
     colors, offered = frame.reshape(-1, 3)[first].astype(np.float32), palette.astype(np.float32)

@@ -21,7 +21,7 @@ from navrl.viz.style import line_look, plain_text, save_figure, style
 ALL_WORLDS = "all worlds"
 """Name of what is pooled over every kind of world."""
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet
-_MARKERS = "osD^vPX<"  # one more than colours: the same pair of both comes late
+_MARKERS = "osD^vPX<"  # one more than colors: the same pair of both comes late
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ def _draw(axes: Axes, lines: Lines, policies: Sequence[str], world: str) -> None
 
 
 def _look(i: int) -> dict:
-    """Return colour, mark and dash of the i-th policy: told apart without colours too."""
+    """Return color, mark and dash of the i-th policy: told apart without colors too."""
     return {**line_look(i), "marker": _MARKERS[i % len(_MARKERS)], "markersize": 3.5}
 
 

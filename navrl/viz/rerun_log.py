@@ -25,7 +25,7 @@ WALL_HEIGHT, PEDESTRIAN_HEIGHT, ROBOT_HEIGHT, SCAN_HEIGHT = 1.2, 1.0, 0.42, 0.5
 _FLOOR_M = 0.01  # at which lines on the floor are drawn, and half the height of the goal's disc
 _POINT_M, _LINE_M = 0.03, 0.015  # radii
 _WALL_GREY, _BACKGROUND = "#A8B0BD", "#F7F7F7"
-_PALEST = 0.25  # where colour maps begin, so that no attention can still be seen on the background
+_PALEST = 0.25  # where color maps begin, so that no attention can still be seen on the background
 
 
 def save_rrd(recording: Recording, file: str | Path, name: str | None = None) -> Path:
@@ -35,7 +35,7 @@ def save_rrd(recording: Recording, file: str | Path, name: str | None = None) ->
     rewards stand at t, so the last row has none. All of ``world`` is in the world frame, m, z up:
     walls, path and goal; pedestrians, the robot and the way it came; the pooled scan (the raw one
     where there is none) and the motion c_{t-1} to c_t that each descriptor claims. Points are
-    coloured by their sector's spatial attention, motions by their temporal attention, on the scales
+    colored by their sector's spatial attention, motions by their temporal attention, on the scales
     of :func:`navrl.viz.scene.attention_scale`; black and green where there is no attention.
     ``commands`` are v in m/s and w in rad/s, ``rewards`` the weighted terms.
 
@@ -219,7 +219,7 @@ class _Log:
         self._stream.send_columns(path, indexes, columns)
 
 
-# --- geometry and colours ------------------------------------------------------------------------
+# --- geometry and colors ------------------------------------------------------------------------
 
 
 def _upright(boxes: np.ndarray, height: float) -> dict[str, np.ndarray]:

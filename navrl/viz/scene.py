@@ -82,7 +82,7 @@ def frame_scene(axes: Axes, recording: Recording) -> None:
 
 
 def attention_scale(recording: Recording, name: str) -> Normalize | None:
-    """Return the colour scale that all steps of an episode share.
+    """Return the color scale that all steps of an episode share.
 
     It ends at the median of the steps' largest weights, so that neither one extreme step makes all
     others pale nor two steps look alike that are not.

@@ -81,10 +81,10 @@ def _draw(report: Mapping) -> Figure:
 def _draw_bars(axes: Axes, rows: Sequence[Mapping]) -> None:
     """Draw each row's margin over its bar on a logarithmic axis: 1 is the bar itself."""
     for i, row in enumerate(rows):
-        colour, marker = (GREEN, "o") if row["met"] else (VERMILLION, "X")
+        color, marker = (GREEN, "o") if row["met"] else (VERMILLION, "X")
         ends = sorted(_margin(row, value) for value in row["quartiles"])
-        axes.plot(ends, [i, i], color=colour, linewidth=2.5, alpha=0.4, solid_capstyle="butt")
-        axes.plot(_margin(row, row["median"]), i, marker, color=colour, markersize=5)
+        axes.plot(ends, [i, i], color=color, linewidth=2.5, alpha=0.4, solid_capstyle="butt")
+        axes.plot(_margin(row, row["median"]), i, marker, color=color, markersize=5)
         sign = "≥" if row["bar"]["least"] else "≤"
         text = f"{_number(row['median'])} {row['unit']} (bar {sign} {_number(row['bar']['limit'])})"
         axes.annotate(

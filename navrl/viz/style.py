@@ -1,4 +1,4 @@
-"""One look for all pictures: colours that colour-blind readers tell apart, fonts for print.
+"""One look for all pictures: colors that color-blind readers tell apart, fonts for print.
 
 Figures are made without pyplot, so that no display is needed and nobody's backend or settings
 change.
@@ -59,7 +59,7 @@ def style() -> Iterator[None]:
 
 
 def line_look(i: int) -> dict[str, str]:
-    """Return colour and dash of the i-th line: where colours come again, dashes do not."""
+    """Return color and dash of the i-th line: where colors come again, dashes do not."""
     return {
         "color": CYCLE[i % len(CYCLE)],
         "linestyle": _DASHES[i // len(CYCLE) % len(_DASHES)],

@@ -27,15 +27,15 @@ def save_tagd(
 ) -> Path:
     """Draw two scans on their way to descriptors, as the paper's schematic does.
 
-    1. Both scans as the robot saw them; 2. the earlier one aligned by ICP; 3. a centre on each ray
-    at its sector's nearest return; 4. the groups around the centres; 5. the centroids of both times
+    1. Both scans as the robot saw them; 2. the earlier one aligned by ICP; 3. a center on each ray
+    at its sector's nearest return; 4. the groups around the centers; 5. the centroids of both times
     and the motion between them. The sixth panel enlarges the descriptor that moves most.
 
     Args:
         recording: An episode whose pipeline made TAGDs.
         file: ``.png``, ``.svg`` or ``.pdf``.
         step: 1 to T. The one that shows a walking pedestrian best if ``None``.
-        group_radius: m, the distance d_thresh within which points belong to a centre.
+        group_radius: m, the distance d_thresh within which points belong to a center.
 
     Returns:
         The file.
@@ -95,7 +95,7 @@ class _Stage:
 
     @property
     def used(self) -> np.ndarray:
-        """``[N_c]`` bool, centres that a return has set."""
+        """``[N_c]`` bool, centers that a return has set."""
         return np.linalg.norm(self.centers, axis=-1) < self.max_range - _NO_RETURN
 
 
@@ -105,7 +105,7 @@ def group_centers(points: np.ndarray, count: int, max_range: float) -> np.ndarra
     Args:
         points: ``[n, 2]`` m, real returns, robot frame.
         count: Number of rays N_c.
-        max_range: m, where the centre lies without a return.
+        max_range: m, where the center lies without a return.
     """
     angle = 2 * np.pi * np.arange(count) / count
     offset = np.arctan2(points[:, 1], points[:, 0])[None] - angle[:, None]
@@ -132,7 +132,7 @@ def _draw_aligned(axes: Axes, stage: _Stage) -> None:
 
 
 def _draw_centers(axes: Axes, stage: _Stage) -> None:
-    _frame(axes, stage, "3. a centre on each ray, at the nearest return")
+    _frame(axes, stage, "3. a center on each ray, at the nearest return")
     rays = np.stack([np.zeros_like(stage.centers), stage.centers], axis=1)
     axes.add_collection(LineCollection(rays, colors=GREY, linewidths=0.5, zorder=1))
     _dots(axes, stage.now, _NOW)
@@ -140,7 +140,7 @@ def _draw_centers(axes: Axes, stage: _Stage) -> None:
 
 
 def _draw_groups(axes: Axes, stage: _Stage) -> None:
-    _frame(axes, stage, "4. groups: points near a centre")
+    _frame(axes, stage, "4. groups: points near a center")
     _group_circles(axes, stage)
     for points, color in ((stage.aligned, _BEFORE), (stage.now, _NOW)):
         _dots(axes, points, "#C8C8C8")
@@ -239,7 +239,7 @@ def _handles() -> list[Line2D | Patch]:
         Patch(facecolor=PURPLE, label="robot, its front to the right"),
         Line2D([], [], color=_BEFORE, linestyle="", marker=".", label="scan at t-1"),
         Line2D([], [], color=_NOW, linestyle="", marker=".", label="scan at t"),
-        Line2D([], [], color=_CENTER, linestyle="", marker="+", label="centre $g_i$"),
+        Line2D([], [], color=_CENTER, linestyle="", marker="+", label="center $g_i$"),
         Line2D(
             [],
             [],
@@ -248,7 +248,7 @@ def _handles() -> list[Line2D | Patch]:
             markerfacecolor="none",
             markeredgecolor=_CENTER,
             markersize=9,
-            label="group, within $d_{thresh}$ of its centre",
+            label="group, within $d_{thresh}$ of its center",
         ),
         Line2D([], [], color=_BEFORE, marker="s", label="centroid $c_{t-1}$", **square),
         Line2D([], [], color=_NOW, marker="o", label="centroid $c_t$", **square),

@@ -179,7 +179,7 @@ def test_group_centers_are_those_of_the_descriptors():
 
 def test_tagd_steps_show_what_was_recorded(tmp_path, recording):
     text = save_tagd(recording, tmp_path / "tagd.svg").read_text()
-    for words in ("two scans", "aligned by ICP", "centre on each ray", "groups", "centroids"):
+    for words in ("two scans", "aligned by ICP", "center on each ray", "groups", "centroids"):
         assert words in text
     stage = tagd._Stage(recording, 5, 0.25)
     centers = stage.centers

@@ -76,7 +76,7 @@ def collision_furniture(trajectory: Trajectory) -> np.ndarray:
 
 
 def _static(trajectory: Trajectory, furniture: bool) -> np.ndarray:
-    """What was touched is the box nearest to the robot's centre when it stopped."""
+    """What was touched is the box nearest to the robot's center when it stopped."""
     touched = trajectory.contact == Contact.STATIC
     if trajectory.boxes.shape[1] == 0:
         return touched.astype(float) * (not furniture)

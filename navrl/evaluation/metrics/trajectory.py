@@ -106,9 +106,9 @@ class Trajectory:
 
         Infinite where nobody is, zero where they touch; samples after the end are infinite.
         """
-        centre = torch.from_numpy(np.ascontiguousarray(self.pose[..., :2]))
+        center = torch.from_numpy(np.ascontiguousarray(self.pose[..., :2]))
         boxes = torch.from_numpy(np.ascontiguousarray(self.pedestrians))
-        return (point_box_distance(centre, boxes).numpy() - self.robot_radius).clip(min=0.0)
+        return (point_box_distance(center, boxes).numpy() - self.robot_radius).clip(min=0.0)
 
     @classmethod
     def from_series(

@@ -1,4 +1,4 @@
-"""Controllers that learn nothing; they write normalised actions as trained actors do."""
+"""Controllers that learn nothing; they write normalized actions as trained actors do."""
 
 from navrl.policies.classical.dynamic_window import DynamicWindow
 from navrl.policies.classical.fixed import StandStill, UniformRandom

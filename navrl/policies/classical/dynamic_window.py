@@ -34,8 +34,8 @@ class DynamicWindow(TensorDictModuleBase):
         num_turn_rates: Turn rates sampled; odd, so that straight on is one of them.
         margin: m that arcs keep off points at least.
         clearance: m beyond which more room is worth nothing.
-        clearance_weight: Worth of a metre of room, in metres nearer to the waypoint.
-        path_weight: Worth of a metre nearer to the path.
+        clearance_weight: Worth of a meter of room, in meters nearer to the waypoint.
+        path_weight: Worth of a meter nearer to the path.
         least_speed: m/s, a descriptor that moves slower stands: noise of scan and alignment.
         most_speed: m/s, a faster one is a mismatch.
         group_radius: m around a moved centroid within which points move with it.
@@ -96,7 +96,7 @@ class DynamicWindow(TensorDictModuleBase):
         )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         batch = tensordict.batch_size
         points, returns, waypoints, *tagd = (
             tensordict.get(key).flatten(0, len(batch) - 1) if batch else tensordict.get(key)[None]

@@ -33,7 +33,7 @@ class StandStill(TensorDictModuleBase):
         self._speed = -(robot.max_speed + robot.min_speed) / (robot.max_speed - robot.min_speed)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         action = torch.zeros(*tensordict.batch_size, 2, device=tensordict.device)
         action[..., 0] = self._speed
         return tensordict.set(keys.ACTION, action)
@@ -63,7 +63,7 @@ class UniformRandom(TensorDictModuleBase):
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         if list(tensordict.batch_size) == [len(self._generators)]:
             draws = torch.stack([torch.rand(2, generator=own) for own in self._generators])
         else:

@@ -181,7 +181,7 @@ class Oracle(TensorDictModuleBase):
         return torch.stack([chord * half.cos(), chord * half.sin()], dim=-1)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the plan's next normalised action ``[N, 2]``.
+        """Write the plan's next normalized action ``[N, 2]``.
 
         Raises:
             RuntimeError: If nothing was prepared for these worlds.

@@ -129,7 +129,7 @@ class Orca(TensorDictModuleBase):
         return world
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[N, 2]``.
+        """Write the normalized action ``[N, 2]``.
 
         Raises:
             RuntimeError: If nothing was prepared for these worlds.

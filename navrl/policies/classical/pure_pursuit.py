@@ -41,7 +41,7 @@ class PurePursuit(TensorDictModuleBase):
         self.in_keys, self.out_keys = [waypoints_key], [keys.ACTION]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         command = self.command(tensordict.get(self.in_keys[0]))
         return tensordict.set(keys.ACTION, normalized_action(self.robot, command))
 

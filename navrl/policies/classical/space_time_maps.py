@@ -36,7 +36,7 @@ def space_time_maps(
     Args:
         scenarios: ``[S]``.
         time_s: ``[T]`` s at which people are needed.
-        reach: m that the robot's centre keeps from everything.
+        reach: m that the robot's center keeps from everything.
         cell: m, of the maps.
         step_length: m of the longest step.
     """
@@ -97,12 +97,12 @@ def _floor(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:
 
 
 def _clearance(boxes: Tensor, low: Tensor, high: Tensor, size: Tensor, cell: float) -> Tensor:
-    """Return ``[CX, CY]`` m from each cell's centre to the nearest wall; 0 beyond the floor."""
+    """Return ``[CX, CY]`` m from each cell's center to the nearest wall; 0 beyond the floor."""
     x, y = (low[axis] + (torch.arange(int(size[axis])) + 0.5) * cell for axis in range(2))
-    centres = torch.stack(torch.meshgrid(x, y, indexing="ij"), dim=-1)
-    distance = point_box_distance(centres, boxes.double().expand(*centres.shape[:2], -1, -1))
-    nearest = distance.amin(-1) if len(boxes) else torch.full(centres.shape[:2], torch.inf).double()
-    return nearest.masked_fill((centres > high).any(-1), 0.0)
+    centers = torch.stack(torch.meshgrid(x, y, indexing="ij"), dim=-1)
+    distance = point_box_distance(centers, boxes.double().expand(*centers.shape[:2], -1, -1))
+    nearest = distance.amin(-1) if len(boxes) else torch.full(centers.shape[:2], torch.inf).double()
+    return nearest.masked_fill((centers > high).any(-1), 0.0)
 
 
 def _steps_to_go(

@@ -57,7 +57,7 @@ class StopAndGo(TensorDictModuleBase):
         self._pursuit = PurePursuit(robot, waypoint)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         waypoints, points, returns = (tensordict.get(key) for key in self.in_keys)
         command = self._pursuit.command(waypoints)
         blocked = self._is_blocked(command, points, returns)

@@ -41,7 +41,7 @@ class WaypointSubgoal(TensorDictModuleBase):
         self.in_keys, self.out_keys = [waypoints_key], [keys.ACTION]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised subgoal ``[*B, 2]``."""
+        """Write the normalized subgoal ``[*B, 2]``."""
         points = tensordict.get(self.in_keys[0])
         if self.waypoint >= points.shape[-2]:
             raise ValueError(

@@ -239,7 +239,7 @@ def literal(text: str) -> str:
 
 
 def _look(i: int) -> dict:
-    """Return line and marker of the i-th name: those of one colour differ in dash and symbol."""
+    """Return line and marker of the i-th name: those of one color differ in dash and symbol."""
     look = line_look(i)
     return {
         "line": {"color": look["color"], "dash": _DASHES[look["linestyle"]]},
@@ -248,7 +248,7 @@ def _look(i: int) -> dict:
 
 
 def _bar_look(i: int) -> dict:
-    """Return the filling of the i-th name's bars: those of one colour differ in pattern."""
+    """Return the filling of the i-th name's bars: those of one color differ in pattern."""
     pattern = _PATTERNS[i // len(CYCLE) % len(_PATTERNS)]
     return {"color": CYCLE[i % len(CYCLE)], "pattern": {"shape": pattern}}
 

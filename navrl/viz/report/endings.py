@@ -1,4 +1,4 @@
-"""How an episode ended, in the words and colours of the page: who moved into whom, what was hit."""
+"""How an episode ended, in the words and colors of the page: who moved into whom, what was hit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ENDINGS = {
     "timeout": ("timeout", BLUE),
     "error": ("error", BLACK),
 }
-"""Label and colour of each ending; two are of files from before contacts were told apart."""
+"""Label and color of each ending; two are of files from before contacts were told apart."""
 
 _PARTS = {
     "collision_pedestrian": ("moved_into_pedestrian", "run_into"),

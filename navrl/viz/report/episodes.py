@@ -70,7 +70,7 @@ def episode_data(
 
 
 def _weights(recording: Recording, name: str) -> dict[str, Any] | None:
-    """Return attention and the weight at which its colours end; ``None`` if not recorded."""
+    """Return attention and the weight at which its colors end; ``None`` if not recorded."""
     scale = attention_scale(recording, name)
     if scale is None:
         return None
@@ -131,7 +131,7 @@ def _story(recording: Recording, ending: str) -> str:
     if np.isfinite(distance) and before < end:
         back = (end - before) * recording.time_step_s
         story += (
-            f" The nearest pedestrian's centre was {distance:.2f} m away, "
+            f" The nearest pedestrian's center was {distance:.2f} m away, "
             f"{closing:.2f} m {back:.1f} s earlier."
         )
     return story

@@ -199,7 +199,7 @@ def _training_section(logs: Sequence[Path], figures: _Figures) -> list[str]:
 
     if not logs:
         return []
-    caption = "Runs NAME_seed_K share a colour. Click a name to hide it."
+    caption = "Runs NAME_seed_K share a color. Click a name to hide it."
     place = figures.place(charts.curves_chart(logs), "Learning curves", caption)
     return [f"<section><h2>Training</h2>{place}</section>\n"]
 
