@@ -1,11 +1,11 @@
-"""Policies: trained bundles, the zoo that ships with the package, and classical controllers."""
+"""Policies: trained bundles, the zoo of the package, and classical controllers."""
 
 from pathlib import Path
 
 from navrl.policies.bundle import BundleError, PolicyBundle, load_bundle, save_bundle, saved_metrics
 
 ZOO = Path(__file__).parent / "zoo"
-"""Bundles that ship with the package, one folder each."""
+"""Folder of the bundles of the package, one folder each."""
 
 __all__ = [
     "ZOO",

@@ -1,4 +1,4 @@
-"""All metrics by name, with units: what ``episodes.csv`` has a column of."""
+"""Table of all metrics with names and units, the columns of ``episodes.csv``."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from navrl.evaluation.metrics.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Metric:
-    """A function of trajectories with a name and a unit.
+    """Metric: a function of trajectories with name and unit.
 
     Args:
         name: Column of ``episodes.csv``.
-        unit: SI; ``1`` of a share or of 0 and 1.
-        function: From E episodes to ``[E]`` numbers; NaN where it is not defined.
-        better: ``higher`` or ``lower``; empty where neither is.
-        is_rate: Whether it is 0 or 1 in each episode.
+        unit: SI unit; ``1`` for a share or a flag.
+        function: Maps E episodes to ``[E]`` values; NaN where undefined.
+        better: ``higher`` or ``lower``; empty if neither.
+        is_rate: Whether the value is 0 or 1 in each episode.
     """
 
     name: str
@@ -60,8 +60,7 @@ METRICS: tuple[Metric, ...] = (
 """Every metric, in the order of the columns."""
 
 OF_ERROR = {m.name: 0.0 for m in METRICS if m.is_rate or m.name in ("spl", "stl")}
-"""What an episode that raised counts as: no success, so nothing of what success weighs either, and
-no contact or timeout that is known. All else is undefined, as nobody knows how it was driven."""
+"""Values assigned to episodes that failed with an exception; all other metrics are undefined."""
 
 
 def measure(trajectory: Trajectory) -> dict[str, np.ndarray]:
