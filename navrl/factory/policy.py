@@ -1,4 +1,4 @@
-"""From a configuration to a policy and an environment that suits it."""
+"""Construction of a policy and its environment from a configuration."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from navrl.policies import ZOO, load_bundle, zoo_names
 
 @dataclass(frozen=True)
 class EvaluatedPolicy:
-    """A policy and the environment it is to be played in.
+    """Policy with its environment for an evaluation.
 
     Args:
-        name: For the reader.
+        name: Display name.
         policy: Writes a normalized action.
         env: Raw environment, the policy's own transforms, normalized actions.
     """
@@ -36,9 +36,9 @@ class EvaluatedPolicy:
 
 
 def bundle_folder(policy: str) -> Path | None:
-    """Return the folder of the bundle that ``policy`` names, or ``None`` if it names none.
+    """Return the folder of the bundle named by ``policy``, or ``None``.
 
-    A bundle's own folder, a training run's folder and a name in the zoo are bundles.
+    Valid names are the folder of a bundle, the folder of a training run and a name in the zoo.
     """
     for folder in (Path(policy), Path(policy) / "policy", ZOO / policy):
         if (folder / "config.yaml").is_file() and (folder / "weights.safetensors").is_file():
@@ -47,18 +47,18 @@ def bundle_folder(policy: str) -> Path | None:
 
 
 def make_evaluated_policy(cfg: DictConfig, *, with_attention: bool = False) -> EvaluatedPolicy:
-    """Find the policy that ``cfg.policy`` names and build an environment for it.
+    """Build the policy named by ``cfg.policy`` and its environment.
 
-    A bundle brings its own transforms, lidar and robot; a controller takes the config's.
-    ``cfg.change`` changes them.
+    A bundle has its own transforms, lidar and robot; a controller uses those of the config.
+    ``cfg.change`` modifies them.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        with_attention: Whether a bundle's actor writes its attention weights too.
+        with_attention: Whether a bundle's actor also writes its attention weights.
 
     Raises:
-        ValueError: If there is no such policy, listing those there are; if the device is wrong; or
-            if something is overridden or changed that the policy does not have or cannot run with.
+        ValueError: If the policy does not exist (the message lists all policies), the device is not
+            allowed, or an override or change does not fit the policy.
         BundleError: If the bundle is damaged or not allowed.
     """
     folder = bundle_folder(cfg.policy)
@@ -75,10 +75,10 @@ def make_evaluated_policy(cfg: DictConfig, *, with_attention: bool = False) -> E
 
 @torch.no_grad()
 def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
-    """Let the network act on zeros of the observations' shapes.
+    """Run the network on zeros of the observations' shapes.
 
     Raises:
-        ValueError: If it cannot, naming what was changed about the policy.
+        ValueError: If it fails; the message has the changes of the policy.
     """
     try:
         actor(env.full_observation_spec.zero())
@@ -92,9 +92,9 @@ def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
 
 
 def make_runner(cfg: DictConfig) -> PolicyRunner | None:
-    """Return what runs the policy on a robot, as ``cfg.change`` has it; ``None`` of a controller.
+    """Return the runner of a bundle with the changes of ``cfg.change``; ``None`` for a controller.
 
-    It decides on every simulated scan, an empty one too.
+    It drives on every simulated scan, also on an empty one.
 
     Raises:
         BundleError: If the bundle is damaged or not allowed.
@@ -110,13 +110,13 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
-    """Return a copy of ``cfg`` with a bundle's own parts, changed as ``cfg.change`` says."""
+    """Return a copy of ``cfg`` with a bundle's parts, modified by ``cfg.change``."""
     own = {part: config[part] for part in PARTS}
     return _replaced(cfg, OmegaConf.merge(own, cfg.change))
 
 
 def policy_name(cfg: DictConfig) -> str:
-    """Return what the policy is called: a training's folder by its own name."""
+    """Return the name of the policy; for a training run, the name of its folder."""
     folder = bundle_folder(cfg.policy)
     if folder is None:
         return cfg.policy
@@ -125,22 +125,24 @@ def policy_name(cfg: DictConfig) -> str:
 
 def _controller(cfg: DictConfig) -> EvaluatedPolicy:
     if make_device(cfg).type != "cpu":
-        raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
+        raise ValueError(f"device={cfg.device}: must be cpu for policy={cfg.policy}")
     local = with_controller(cfg)
     return EvaluatedPolicy(cfg.policy, instantiate(local.controller), _environment(local))
 
 
 def with_controller(cfg: DictConfig) -> DictConfig:
-    """Return a copy of ``cfg`` with the controller that ``cfg.policy`` names as ``controller``.
+    """Return a copy of ``cfg`` with the controller named by ``cfg.policy`` as ``controller``.
 
     Raises:
-        ValueError: If there is none, listing those there are.
+        ValueError: If it does not exist; the message lists all policies.
     """
     files = {path.stem: path for path in (CONF_DIR / "controller").glob("*.yaml")}
-    if cfg.policy not in files:  # never a path: that would build a node unchecked
+    if cfg.policy not in files:  # never a path, which would build an unchecked node
         known = sorted(files)
         if cfg.policy in ("all", "zoo", "controllers"):
-            raise ValueError(f"policy={cfg.policy}: several, which need a sweep: navrl-evaluate -m")
+            raise ValueError(
+                f"policy={cfg.policy}: must be one policy; for several use navrl-evaluate -m"
+            )
         raise ValueError(
             f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
@@ -153,7 +155,7 @@ def with_controller(cfg: DictConfig) -> DictConfig:
 
 
 def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
-    """Return a copy of ``cfg`` with whole nodes replaced, not merged into what was there."""
+    """Return a copy of ``cfg`` with whole nodes replaced instead of merged."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)
     for name, node in parts.items():

@@ -1,4 +1,4 @@
-"""How an episode ended, in the words and colors of the page: who moved into whom, what was hit."""
+"""Labels and colors of outcomes in the report, by at-fault party and object."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ ENDINGS = {
     "success": ("success", GREEN),
     "moved_into_pedestrian": ("robot moved into a pedestrian", VERMILLION),
     "run_into": ("pedestrian moved into the robot", PURPLE),
-    "collision_pedestrian": ("collision with a pedestrian, blame not kept", "#EFB08C"),
+    "collision_pedestrian": ("collision with a pedestrian, fault unknown", "#EFB08C"),
     "collision_wall": ("collision with a wall", ORANGE),
     "collision_furniture": ("collision with furniture", YELLOW),
     "collision_static": ("collision with a wall or furniture", "#F3D694"),
     "timeout": ("timeout", BLUE),
     "error": ("error", BLACK),
 }
-"""Label and color of each ending; two are of files from before contacts were told apart."""
+"""Label and color of each ending; two are for older files without classified contacts."""
 
 _PARTS = {
     "collision_pedestrian": ("moved_into_pedestrian", "run_into"),
@@ -32,7 +32,7 @@ _BLAME = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_in
 def ending_of_row(row: Mapping[str, str]) -> str:
     """Return the key of :data:`ENDINGS` of a row of ``episodes.csv``.
 
-    It is the outcome itself where the columns that split it are missing or empty.
+    It is the outcome if the columns that refine it are missing or empty.
     """
     outcome = row["outcome"]
     set_ = [part for part in _PARTS.get(outcome, ()) if float(row.get(part) or 0) == 1.0]
@@ -40,7 +40,7 @@ def ending_of_row(row: Mapping[str, str]) -> str:
 
 
 def ending_of_recording(recording: Recording) -> str:
-    """Return the key of :data:`ENDINGS` of a recorded episode; what was touched is measured."""
+    """Return the key of :data:`ENDINGS` of a recording; the touched object is measured."""
     if recording.outcome == "collision_static":
         touched = Trajectory.from_recordings([recording], max_speed=1.0)
         return "collision_furniture" if collision_furniture(touched)[0] else "collision_wall"

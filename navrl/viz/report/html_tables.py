@@ -1,4 +1,4 @@
-"""The page's tables: cells carry their values, by which they are sorted."""
+"""Tables of the report, sortable by the values of their cells."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BETTER = {metric.name: metric.better for metric in METRICS}
 
 
 def comparison_table(table: ComparisonTable) -> str:
-    """Return a row a policy, sorted by a click on a heading."""
+    """Return the table of policies, one row each, sortable by a click on a heading."""
     header = ["policy", "episodes", *_RATES, "time of successes, s"]
     header += [f"time where all succeed, s (n={table.finished_by_all})"]
     if table.reference:
@@ -35,12 +35,12 @@ def comparison_table(table: ComparisonTable) -> str:
     if published:
         header += ["paper's own success", "paper's own time, s"]
     body = "".join(_row(row, bool(table.reference), published) for row in table.rows)
-    note = "<p>* reads the true state of walls and pedestrians: a ceiling, no rival.</p>"
+    note = "<p>* privileged: reads the true state of walls and pedestrians.</p>"
     return _sortable(header, body) + (note if any(row.cheats for row in table.rows) else "")
 
 
 def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:
-    """Return a table whose first ``num_words`` columns are words, the others numbers."""
+    """Return a table with ``num_words`` columns of text, followed by columns of numbers."""
     looks = [' class="words"' * (i < num_words) for i in range(len(header))]
     head = "".join(
         f'<th scope="col"{look}><button>{escape(name)}</button></th>'
@@ -87,7 +87,7 @@ def _interval(low: float, high: float, form: str) -> str:
 
 
 def _cell(value: float | None, shown: str) -> str:
-    """Return a cell that sorts by its value; what is not known comes last."""
+    """Return a cell that is sorted by its value; unknown values are last."""
     return (
         '<td data-value="">\N{EN DASH}</td>'
         if value is None
@@ -96,7 +96,7 @@ def _cell(value: float | None, shown: str) -> str:
 
 
 def seeds_table(table: ComparisonTable) -> str:
-    """Return what several trainings of one approach gave; nothing without any."""
+    """Return the summaries over training seeds; empty without any."""
     if not table.seeds:
         return ""
     header = ["approach", "seeds", "success over seeds", "worst", "best"]
@@ -116,7 +116,7 @@ def seeds_table(table: ComparisonTable) -> str:
 
 
 def measures_table(table: ComparisonTable) -> str:
-    """Return every other measure, folded away; nothing if the evaluations have none."""
+    """Return the collapsed table of all other metrics; empty if there are none."""
     names = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     if not names:
         return ""
@@ -145,7 +145,7 @@ def measures_table(table: ComparisonTable) -> str:
 
 def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bool) -> str:
     cells = [f'<th scope="row">{escape(metric.name)}</th>']
-    better = _BETTER.get(metric.name, "lower")  # latencies are no metric of a trajectory
+    better = _BETTER.get(metric.name, "lower")  # latencies are not metrics of a trajectory
     cells += _words(better, row.policy + "*" * row.cheats)
     for estimate, over in ((metric.own, f" {metric.over}"), (metric.common, "")):
         cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}{over}")]
@@ -174,12 +174,13 @@ def episodes_table(
     evaluations: Sequence[Evaluation],
     players: Mapping[tuple[str, int], int],
 ) -> str:
-    """Return a row for each episode that the player has; a click opens it. Nothing without any.
+    """Return a row for each episode of the player, opened by a click; empty without any.
 
     Args:
-        table: Of one suite.
-        evaluations: Those of the table, at least.
-        players: Number in the player of a recording, by the evaluation's folder and the index.
+        table: Table of one suite.
+        evaluations: Evaluations, including those of the table.
+        players: Index of a recording in the player, by the evaluation's folder and the episode's
+            index.
     """
     rows = []
     for row, evaluation in zip(table.rows, members(table, evaluations), strict=True):
