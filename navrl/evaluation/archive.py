@@ -45,7 +45,7 @@ def _file(folder: Path, index: int) -> Path:
 
 
 class EpisodeArchive:
-    """Save the episodes of all worlds, as the ``recorder`` of :func:`navrl.evaluation.evaluate`.
+    """Recorder of all worlds, the ``recorder`` of :func:`navrl.evaluation.evaluate`.
 
     It does not affect the results.
 

@@ -111,7 +111,7 @@ def compare_metrics(
 def success_difference(
     evaluation: Evaluation, reference: Evaluation
 ) -> tuple[PairedDifference, float | None]:
-    """Return the difference in success rate over the same episodes, and its exact McNemar p-value.
+    """Return the paired difference in success rate and its exact McNemar p-value.
 
     The p-value is ``None`` for fewer than :data:`navrl.evaluation.statistics.MIN_PAIRS` episodes.
 

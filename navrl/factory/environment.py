@@ -37,7 +37,7 @@ def set_threads(cfg: DictConfig) -> None:
     """Set the number of threads of torch, which the compiled kernels use too.
 
     Raises:
-        ValueError: See :func:`num_threads`.
+        ValueError: If ``num_threads`` is out of range, see :func:`num_threads`.
     """
     torch.set_num_threads(num_threads(cfg))
     torch.set_flush_denormal(True)  # denormal gradients slow products tenfold

@@ -44,7 +44,7 @@ def check_suite(cfg: DictConfig) -> None:
     """Build ``cfg.suite`` and ``cfg.simulator``, and compare an episode with the frozen one.
 
     Raises:
-        ValueError: If a value of theirs is out of range.
+        ValueError: If one of their values is out of range.
     """
     instantiate(cfg.suite).scenarios([0])
     instantiate(cfg.simulator, num_worlds=1).close()

@@ -92,7 +92,7 @@ def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
 
 
 def make_runner(cfg: DictConfig) -> PolicyRunner | None:
-    """Return the runner of a bundle with the changes of ``cfg.change``; ``None`` for a controller.
+    """Return the runner of a bundle, modified by ``cfg.change``; ``None`` for a controller.
 
     It drives on every simulated scan, also on an empty one.
 

@@ -73,7 +73,7 @@ def make_agent(
 
 
 def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
-    """Build the collector of ``cfg.collector``; :meth:`Collector.start` starts worker processes.
+    """Build the collector; :meth:`Collector.start` starts worker processes.
 
     Workers simulate and act on the CPU, for every device of the learner.
     """

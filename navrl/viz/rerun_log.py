@@ -256,7 +256,7 @@ def _colors(
     shape: tuple[int, ...],
     plain: str,
 ) -> np.ndarray:
-    """Return colors ``[T + 1, n, 4]`` uint8 of ``weights [T, n]``; ``plain`` without a decision."""
+    """Return colors ``[T + 1, n, 4]`` uint8 of ``weights [T, n]``, the last row ``plain``."""
     colors = np.broadcast_to(_rgba(plain), (*shape, 4)).copy()
     if weights is not None:
         share = np.clip(attention_scale(recording, name)(weights), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""A scenario: everything that fixes an episode but the robot's commands, as plain data."""
+"""Scenarios: plain data that determines an episode except the robot's commands."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from navrl.files import write_text
 from navrl.untrusted import DamagedFileError, read_text
 
 MAX_ROUTE_POINTS = 32
-"""Most points that a pedestrian's route may have."""
+"""Maximum number of points of a pedestrian's route."""
 MAX_PATH_POINTS = 200
-"""Most points that a global path may have."""
+"""Maximum number of points of a global path."""
 _FORMAT = "navrl-scenario-1"
 _MAX_NAME = 200  # characters of a suite or a kind of world
 _KINDS = {"suite": str, "kind": str} | dict.fromkeys(
@@ -26,20 +26,20 @@ _DECIMALS = 6  # of meters and radians in a fingerprint
 
 @dataclass(frozen=True)
 class Pedestrian:
-    """A cuboid that walks its route back and forth and gives way to nobody.
+    """Non-reactive pedestrian: a cuboid that walks its route back and forth.
 
     Args:
-        route: ``[R, 2]`` m, world; one point for somebody who stands.
-        speed: m/s; 0 for somebody who stands.
-        offset: m, where it is at time zero in the back-and-forth coordinate: 0 to L is the way
-            there, L to 2 L the way back.
-        half_size: m, half depth (along the way) and half width.
+        route: ``[R, 2]`` m, world; one point for a stationary pedestrian.
+        speed: m/s; 0 for a stationary pedestrian.
+        offset: Position at time zero in the back-and-forth coordinate, m: 0 to L is forth, L to 2 L
+            is back.
+        half_size: Half depth (along the route) and half width, m.
 
     Raises:
         ValueError: If a value is out of range.
 
     Reference:
-        Paper Sec. IV-F1. The paper gives no size; 0.26 to 0.30 m is the authors' precursor's.
+        Paper Sec. IV-F1. The paper gives no size; 0.26 to 0.30 m is from the authors' precursor.
     """
 
     route: np.ndarray
@@ -50,7 +50,7 @@ class Pedestrian:
     def __post_init__(self) -> None:
         shape = np.shape(self.route)
         if len(shape) != 2 or shape[1] != 2 or not 1 <= shape[0] <= MAX_ROUTE_POINTS:
-            raise ValueError(f"route: need [1..{MAX_ROUTE_POINTS}, 2], got {list(shape)}")
+            raise ValueError(f"route.shape={list(shape)}: must be [1..{MAX_ROUTE_POINTS}, 2]")
         if not (self.speed >= 0 and self.offset >= 0 and min(self.half_size) > 0):
             raise ValueError(
                 f"speed={self.speed}, offset={self.offset}: must be >= 0; "

@@ -36,7 +36,7 @@ def max_speed(trajectory: Trajectory) -> np.ndarray:
 
 
 def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^2, the mean size of the change of speed, braking included.
+    """Return ``[E]`` m/s^2, the mean absolute acceleration, including braking.
 
     Reference:
         A_avg of Francis et al. 2023.
@@ -45,7 +45,7 @@ def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
 
 
 def max_acceleration(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^2, the largest size of the change of speed, braking included.
+    """Return ``[E]`` m/s^2, the maximum absolute acceleration, including braking.
 
     Reference:
         A_max of Francis et al. 2023.
@@ -54,7 +54,7 @@ def max_acceleration(trajectory: Trajectory) -> np.ndarray:
 
 
 def mean_jerk(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^3, the mean size of the change of acceleration.
+    """Return ``[E]`` m/s^3, the mean absolute jerk.
 
     Reference:
         J_avg of Francis et al. 2023.
@@ -63,7 +63,7 @@ def mean_jerk(trajectory: Trajectory) -> np.ndarray:
 
 
 def max_jerk(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^3, the largest size of the change of acceleration.
+    """Return ``[E]`` m/s^3, the maximum absolute jerk.
 
     Reference:
         J_max of Francis et al. 2023.

@@ -134,7 +134,7 @@ def measures_table(table: ComparisonTable) -> str:
         f"Means with 95 % intervals, from {MIN_PAIRS} values on. What grows with an episode's "
         "length (time, path, turning, standing still) is taken over successes: an episode that "
         "ends early in a collision has no short path. "
-        "Only where all succeed do the means of two policies tell of the same episodes; "
+        "Means of two policies are comparable only over the episodes where all succeed; "
         "differences are over the episodes where both have the measure, p by sign flips."
     )
     return (

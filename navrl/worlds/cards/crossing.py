@@ -27,7 +27,7 @@ class _Hall:
 
 
 class Crossing(_Hall):
-    """A pedestrian crosses the robot's path at a right angle in open space.
+    """Card: a pedestrian crosses the robot's path at a right angle in open space.
 
     Args:
         size: (min, max) m, side of the hall.
@@ -54,7 +54,7 @@ class Crossing(_Hall):
 
 
 class CircularCrossing(_Hall):
-    """The robot and several pedestrians on a circle all move to the opposite side.
+    """Card: the robot and several pedestrians cross a circle simultaneously.
 
     Args:
         size: (min, max) m, side of the hall.
@@ -93,7 +93,7 @@ class CircularCrossing(_Hall):
 
 
 class BlindCorner:
-    """A pedestrian, occluded until close, comes around the corner of an L-shaped hallway.
+    """Card: an occluded pedestrian comes around the corner of an L-shaped hallway.
 
     Args:
         width: (min, max) m of both hallways, clear.

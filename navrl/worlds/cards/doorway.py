@@ -33,7 +33,7 @@ class _Doorway:
 
 
 class NarrowDoorway(_Doorway):
-    """A pedestrian passes a doorway at the same time as the robot, which has to wait.
+    """Card: a pedestrian passes a doorway at the same time as the robot, which has to wait.
 
     Args:
         room: (min, max) m, sides of each room.
@@ -65,7 +65,7 @@ class NarrowDoorway(_Doorway):
 
 
 class ObstructedDoorway(_Doorway):
-    """A stationary pedestrian in the doorway leaves a narrow gap for the robot.
+    """Card: a stationary pedestrian in the doorway leaves a narrow gap for the robot.
 
     Args:
         room: (min, max) m, sides of each room.

@@ -36,7 +36,7 @@ class _Hallway:
 
 
 class FrontalApproach(_Hallway):
-    """A pedestrian walks towards the robot in a hallway wide enough for both.
+    """Card: a pedestrian walks towards the robot in a hallway wide enough for both.
 
     Args:
         length: (min, max) m, clear.
@@ -65,7 +65,7 @@ class FrontalApproach(_Hallway):
 
 
 class NarrowHallway(_Hallway):
-    """A pedestrian walks towards the robot where the two can barely pass.
+    """Card: a pedestrian walks towards the robot where the two can barely pass.
 
     Args:
         length: (min, max) m, clear.
@@ -95,7 +95,7 @@ class NarrowHallway(_Hallway):
 
 
 class Overtaking(_Hallway):
-    """A slower pedestrian walks ahead of the robot in the same direction.
+    """Card: a slower pedestrian walks ahead of the robot in the same direction.
 
     Args:
         length: (min, max) m, clear.
