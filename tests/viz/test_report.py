@@ -117,7 +117,7 @@ def test_collisions_are_told_apart_by_who_moved_and_what_was_touched(tmp_path):
         "success": [1],
         "robot moved into a pedestrian": [1],
         "pedestrian moved into the robot": [1],
-        "collision with a pedestrian, blame not kept": [1],
+        "collision with a pedestrian, fault unknown": [1],
         "collision with a wall": [1],
         "collision with furniture": [1],
         "collision with a wall or furniture": [1],
@@ -208,7 +208,7 @@ def test_a_story_tells_who_moved_into_whom_and_where(recording):
     furnished = json.dumps(scenario | {"num_furniture": len(scenario["boxes"])})
     told_furniture = told(**static, scenario=furnished)
     assert told_furniture.startswith("The robot hit a piece of furniture after ")
-    assert told(outcome="timeout", contact=0).startswith("Time was up after ")
+    assert told(outcome="timeout", contact=0).startswith("The time limit was reached after ")
 
 
 def test_a_limit_keeps_lost_episodes_and_says_so(folder, tmp_path):
