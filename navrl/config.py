@@ -1,4 +1,4 @@
-"""Configs: where they are, how they are composed, and how their errors are told."""
+"""Composition of configurations and reporting of configuration errors."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ CONF_DIR = next(
     for folder in (Path(__file__).parent / "conf", Path(__file__).parent.parent / "conf")
     if folder.is_dir()
 )
-"""Inside the package when installed from a wheel, beside it in a clone."""
+"""Folder of configurations: inside the package in a wheel, beside it in a clone."""
 
-_LONGEST_NAME = 120  # characters of a folder's name; file systems end at 255 bytes
+_LONGEST_NAME = 120  # characters of a folder's name; file systems allow 255 bytes
 
 _USER_ERRORS = (ValueError, OSError, yaml.YAMLError, HydraException, OmegaConfBaseException)
 
 
 def folder_name(*parts: object) -> str:
-    """Join what describes a job to one readable folder name; ``${folder_name:...}`` in a config.
+    """Join parts to a readable folder name; the resolver ``${folder_name:...}`` of configs.
 
     Args:
-        parts: Joined by ``_``; empty ones are left out. What no shell likes becomes ``-``, and a
-            name that is too long ends in its hash.
+        parts: Joined by ``_`` without empty ones. Characters that need quoting in a shell become
+            ``-``, and a name that is too long is shortened and gets a hash.
     """
     whole = "_".join(str(part) for part in parts if part not in (None, ""))
     name = re.sub(r"[\[\]{}'\"]+", "", whole)
@@ -55,16 +55,16 @@ OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
 
 
 def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:
-    """Compose a config as the command line would.
+    """Compose a config as on the command line.
 
     Args:
-        config_name: A primary config, e.g. ``train``.
+        config_name: Primary config, e.g. ``train``.
         overrides: Hydra overrides, e.g. ``["scenario=corridor", "seed=1"]``.
 
     Returns:
         The config; interpolations are resolved on access.
     """
-    if GlobalHydra.instance().is_initialized():  # inside a command: keep its search path
+    if GlobalHydra.instance().is_initialized():  # in a command: use its search path
         return hydra.compose(config_name, list(overrides))
     with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR)):
         return hydra.compose(config_name, list(overrides))
@@ -82,18 +82,18 @@ def options(group: str) -> list[str]:
 
 
 def instantiate(node: Any, **kwargs: Any) -> Any:
-    """Call a node's ``_target_``; lists and dicts below it are plain Python ones."""
+    """Build a node with ``_target_``; nested lists and dicts become plain Python objects."""
     return hydra.utils.instantiate(node, _convert_="all", **kwargs)
 
 
 def set_default(cfg: DictConfig, key: str, value: Any) -> None:
-    """Put a value or a whole node into a composed config, replacing what is there."""
+    """Set a value or node of a composed config, replacing an existing one."""
     with open_dict(cfg):
         cfg[key] = value
 
 
 def target_packages(cfg: DictConfig) -> set[str]:
-    """Return the top-level packages that the targets of a config come from."""
+    """Return the top-level packages of all targets of a config."""
     return {
         str(value).partition(".")[0]
         for name, value in _leaves(cfg)
@@ -102,13 +102,13 @@ def target_packages(cfg: DictConfig) -> set[str]:
 
 
 def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
-    """Make a command of a function that takes a config.
+    """Return a decorator that turns a function of a config into a command.
 
-    What a user can get wrong (an override, a range, a file) ends in one line on stderr and exit
-    status 2; a programming error keeps its traceback. ``NAVRL_TRACEBACK=1`` shows it in any case.
+    User errors (an override, a range, a file) are reported in one line on stderr with exit status
+    2; programming errors show a traceback. ``NAVRL_TRACEBACK=1`` always shows it.
 
     Args:
-        config_name: The command's primary config.
+        config_name: Primary config of the command.
     """
 
     def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
@@ -122,7 +122,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
 
         @functools.wraps(task)
         def main() -> None:
-            os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us, not a printed page
+            os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # raise instead of print
             with _ErrorLine(config_name):
                 run(checked)()
 
@@ -132,7 +132,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
 
 
 class _ErrorLine:
-    """Turn what a user got wrong into one line."""
+    """Context manager that reports user errors in one line."""
 
     def __init__(self, config_name: str | None = None) -> None:
         self._config_name = config_name
@@ -154,7 +154,7 @@ class _ErrorLine:
 
 
 def describe(error: BaseException) -> str:
-    """Say in one line what went wrong and where."""
+    """Return a one-line description of an error and its place."""
     place = allowed = ""
     while isinstance(error, InstantiationException):
         match = re.search(r"full_key: (\S+)", str(error))
@@ -172,7 +172,7 @@ def describe(error: BaseException) -> str:
 
 
 def _arguments_of(message: str) -> str:
-    """Return the arguments that the target of a failed call takes."""
+    """Return the arguments of the target of a failed call."""
     match = re.search(r"call to target '([\w.]+)'", message)
     try:
         names = list(inspect.signature(hydra.utils.get_object(match[1])).parameters)
@@ -182,7 +182,7 @@ def _arguments_of(message: str) -> str:
 
 
 def _nearest_keys(line: str, config_name: str) -> str:
-    """Return what a mistyped key may have meant."""
+    """Return similar keys to a mistyped one."""
     match = re.search(r"[Cc]ould not override '([^']+)'", line) or re.search(
         r"Key '([^']+)' is not in struct", line
     )
@@ -192,7 +192,7 @@ def _nearest_keys(line: str, config_name: str) -> str:
         known = [name for name, _ in _leaves(compose(config_name))] + _groups()
     except Exception:  # the hint must never hide the error
         return ""
-    known = {name for name in known if not name.endswith("_")}  # no _target_
+    known = {name for name in known if not name.endswith("_")}  # exclude _target_
     near = difflib.get_close_matches(match[1], sorted(known), n=3, cutoff=0.7)
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
@@ -214,14 +214,14 @@ def _leaves(cfg: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def check_types(config_name: str, overrides: Sequence[str]) -> None:
-    """Hold each overridden value to the type of the default it replaces.
+    """Check that each overridden value has the type of the default.
 
     Args:
-        config_name: A primary config, e.g. ``train``.
-        overrides: Hydra overrides of it.
+        config_name: Primary config, e.g. ``train``.
+        overrides: Hydra overrides of the config.
 
     Raises:
-        ValueError: Naming the first key, its value and the type that is needed.
+        ValueError: If a type differs; the message has the key, its value and the required type.
     """
     overrides = list(overrides)
     parts = [override.lstrip("+~").partition("=") for override in overrides]
@@ -230,7 +230,7 @@ def check_types(config_name: str, overrides: Sequence[str]) -> None:
     try:
         defaults = dict(_leaves(compose(config_name, groups)))
     except (HydraException, OmegaConfBaseException):
-        return  # a user's own group: nothing to compare with
+        return  # a user's own group has no defaults
     chosen = dict(_leaves(compose(config_name, overrides)))
     for key, _, _ in parts:
         default, value = defaults.get(key), chosen.get(key)
@@ -238,4 +238,4 @@ def check_types(config_name: str, overrides: Sequence[str]) -> None:
             continue
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
             continue
-        raise ValueError(f"{key}={value}: need {type(default).__name__}, as in {key}={default}")
+        raise ValueError(f"{key}={value}: must be {type(default).__name__}, as in {key}={default}")

@@ -1,4 +1,4 @@
-"""A progress bar that does not flood a log file."""
+"""Progress bar with few lines in log files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from tqdm import tqdm
 
 _TERMINAL_INTERVAL_S = 0.1
-_LOG_INTERVAL_S = 30.0  # each refresh is a line of its own in a file
+_LOG_INTERVAL_S = 30.0  # each refresh is a line in a file
 
 
 def progress_bar(total: int, unit: str, *, initial: int = 0, enabled: bool = True) -> tqdm:
@@ -15,9 +15,9 @@ def progress_bar(total: int, unit: str, *, initial: int = 0, enabled: bool = Tru
 
     Args:
         total: Units at the end.
-        unit: Name of one.
+        unit: Name of a unit.
         initial: Units done before.
-        enabled: Whether to show it at all.
+        enabled: Whether to show the bar.
     """
     interval = _TERMINAL_INTERVAL_S if sys.stderr.isatty() else _LOG_INTERVAL_S
     return tqdm(

@@ -1,7 +1,7 @@
-"""The gate for files from outside: bounded, read without running code, errors name the file.
+"""Readers of untrusted files: bounded in size, without running code.
 
-Evaluations, recordings, logs and bundles may be damaged, or written by a stranger. Every reader of
-such a file calls a function of this module, then checks what it uses.
+Evaluations, recordings, logs and bundles may be damaged or malicious. Every reader of such a file
+calls a function of this module, then checks the values it uses.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 import yaml
 
 MAX_TEXT_BYTES = 64 * 2**20
-"""Largest text file that is read: an ``episodes.csv`` of 10,000 episodes has about 5 MB."""
+"""Maximum size of a text file; an ``episodes.csv`` of 10,000 episodes has about 5 MB."""
 MAX_ARRAY_BYTES = 512 * 2**20
-"""Largest sum of unpacked arrays of one file: a recording of 200 steps has about 3 MB."""
+"""Maximum size of all unpacked arrays of a file; a recording of 200 steps has about 3 MB."""
 _MAX_ARRAYS = 1000  # in one file; a recording has about 30
 _KINDS = {dict: "an object", list: "a list"}
-_CHUNK = 2**20  # bytes unpacked at once
+_CHUNK = 2**20  # bytes unpacked per read
 _NPZ_ERRORS = (
     ValueError,
     TypeError,
@@ -43,7 +43,7 @@ _NPZ_ERRORS = (
 
 
 class DamagedFileError(ValueError):
-    """A file cannot be used; the message names it, what is wrong and what to do."""
+    """Error for an unusable file; the message has the file, the reason and a remedy."""
 
     def __init__(self, file: str | Path, reason: object, remedy: str) -> None:
         super().__init__(f"{file}: {reason}; {remedy}")
@@ -53,16 +53,16 @@ def read_text(file: str | Path, remedy: str, max_bytes: int = MAX_TEXT_BYTES) ->
     """Read a UTF-8 file of limited size.
 
     Args:
-        file: What to read.
-        remedy: What the user can do if the file cannot be used, for the message.
-        max_bytes: Largest size.
+        file: File to read.
+        remedy: Advice to the user in the error message.
+        max_bytes: Maximum size.
 
     Raises:
         OSError: If there is no such file, or it may not be read.
-        DamagedFileError: If it is no regular file, too large or no UTF-8 text.
+        DamagedFileError: If it is not a regular file, too large or not UTF-8 text.
     """
     file = Path(file)
-    if file.exists() and not file.is_file():  # a pipe would block for ever
+    if file.exists() and not file.is_file():  # a pipe would block
         raise DamagedFileError(file, "must be a regular file", remedy)
     with file.open("rb") as stream:
         if os.fstat(stream.fileno()).st_size > max_bytes:
@@ -71,22 +71,22 @@ def read_text(file: str | Path, remedy: str, max_bytes: int = MAX_TEXT_BYTES) ->
     try:
         return data.decode()
     except UnicodeDecodeError as error:
-        raise DamagedFileError(file, f"no UTF-8 text ({error})", remedy) from error
+        raise DamagedFileError(file, f"not UTF-8 text ({error})", remedy) from error
 
 
 def read_json(file: str | Path, remedy: str, kind: type = dict) -> Any:
     """Read JSON whose outermost value is a ``kind``.
 
     Raises:
-        OSError: As :func:`read_text`.
-        DamagedFileError: As :func:`read_text`, or if it is no JSON or another kind of value.
+        OSError: If :func:`read_text` raises it.
+        DamagedFileError: If :func:`read_text` raises it, or if it is not JSON of that type.
     """
     try:
         value = json.loads(read_text(file, remedy))
     except DamagedFileError:
         raise
     except (ValueError, RecursionError) as error:
-        raise DamagedFileError(file, f"damaged or no JSON ({error})", remedy) from error
+        raise DamagedFileError(file, f"damaged or not JSON ({error})", remedy) from error
     return _of_kind(value, kind, file, remedy)
 
 
@@ -94,42 +94,41 @@ def read_yaml(file: str | Path, remedy: str, kind: type = dict) -> Any:
     """Read plain YAML, without tags and aliases, whose outermost value is a ``kind``.
 
     Raises:
-        OSError: As :func:`read_text`.
-        DamagedFileError: As :func:`read_text`, or if it is no such YAML.
+        OSError: If :func:`read_text` raises it.
+        DamagedFileError: If :func:`read_text` raises it, or if it is not YAML of that type.
     """
     try:
         value = yaml.load(read_text(file, remedy, MAX_TEXT_BYTES // 64), Loader=_PlainLoader)
     except DamagedFileError:
         raise
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise DamagedFileError(file, f"damaged or no YAML ({error})", remedy) from error
+        raise DamagedFileError(file, f"damaged or not YAML ({error})", remedy) from error
     return _of_kind(value, kind, file, remedy)
 
 
 def read_table(file: str | Path, remedy: str, is_log: bool = False) -> list[dict[str, str]]:
     """Read the rows of a CSV file with a header.
 
-    A last line without its end is what a killed process or a full disk leaves, so it is an error.
+    A last line without line end is an error, since a killed process or a full disk causes it.
 
     Args:
         file: What to read.
         remedy: As in :func:`read_text`.
-        is_log: Whether rows are appended one by one, by a process that may still run: then such a
-            line is left out.
+        is_log: Whether a running process may append rows; then such a line is ignored.
 
     Raises:
-        OSError: As :func:`read_text`.
-        DamagedFileError: As :func:`read_text`, or if a row has more or fewer cells than the header.
+        OSError: If :func:`read_text` raises it.
+        DamagedFileError: If :func:`read_text` raises it, or if a row does not fit the header.
     """
     text = read_text(file, remedy)
     if is_log:
         text = text[: text.rfind("\n") + 1]
     if text and not text.endswith(("\n", "\r")):
-        raise DamagedFileError(file, "its last line is cut off", remedy)
+        raise DamagedFileError(file, "its last line is truncated", remedy)
     try:
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except csv.Error as error:
-        raise DamagedFileError(file, f"no CSV ({error})", remedy) from error
+        raise DamagedFileError(file, f"not CSV ({error})", remedy) from error
     for number, row in enumerate(rows, start=1):
         if None in row or None in row.values():
             raise DamagedFileError(file, f"row {number}: must have a cell a column", remedy)
@@ -141,16 +140,16 @@ def read_arrays(
 ) -> dict[str, np.ndarray]:
     """Read an ``.npz`` file; no pickle is loaded, and checksums are compared.
 
-    Sizes are checked against what the file really holds before memory is allocated.
+    Declared sizes are compared with the file before memory is allocated.
 
     Args:
         file: What to read.
         remedy: As in :func:`read_text`.
-        max_bytes: Largest sum of the unpacked arrays' sizes.
+        max_bytes: Maximum size of all unpacked arrays.
 
     Raises:
         OSError: If there is no such file, or it may not be read.
-        DamagedFileError: If it is damaged, too large or no such file.
+        DamagedFileError: If it is damaged, too large or not an ``.npz`` file.
     """
     file = Path(file)
     if file.exists() and not file.is_file():
@@ -166,11 +165,11 @@ def read_arrays(
                 )
             return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
     except _NPZ_ERRORS as error:
-        raise DamagedFileError(file, f"damaged or no .npz file ({error})", remedy) from error
+        raise DamagedFileError(file, f"damaged or not an .npz file ({error})", remedy) from error
 
 
 def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> bool:
-    """Return whether a value is a finite number in [low, high], and no bool."""
+    """Return whether a value is a finite number in [low, high], excluding bool."""
     is_real = isinstance(value, int | float) and not isinstance(value, bool)
     return is_real and abs(value) <= sys.float_info.max and low <= value <= high
 
@@ -184,7 +183,7 @@ def _of_kind(value: object, kind: type, file: str | Path, remedy: str) -> Any:
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(member) as stream:
-        data = b"".join(iter(lambda: stream.read(_CHUNK), b""))  # at the end the checksum is held
+        data = b"".join(iter(lambda: stream.read(_CHUNK), b""))  # the last read checks the checksum
     content = io.BytesIO(data)
     version = np.lib.format.read_magic(content)
     if version not in ((1, 0), (2, 0)):
@@ -194,13 +193,13 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     if dtype.hasobject:
         raise ValueError(f"{member.filename}: pickled objects are not read")
     if math.prod(shape) * dtype.itemsize != len(data) - content.tell():
-        raise ValueError(f"{member.filename}: shape {list(shape)} is not what it holds")
+        raise ValueError(f"{member.filename}: shape {list(shape)} does not match its size")
     array = np.frombuffer(data, dtype, offset=content.tell()).copy()
     return array.reshape(shape, order="F" if is_fortran else "C")
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Safe YAML without aliases: a few lines of those expand to gigabytes, or to themselves."""
+    """Safe YAML loader without aliases, which can expand to gigabytes or recursively."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.events.AliasEvent):

@@ -7,7 +7,7 @@ import pytest
 
 CASES = [
     ("train", ["sed=1"], ["sed", "did you mean", "seed"]),
-    ("train", ["num_worlds=many"], ["num_worlds=many", "need int"]),
+    ("train", ["num_worlds=many"], ["num_worlds=many", "must be int"]),
     ("train", ["algorithm.gamma=1.5"], ["gamma=1.5", "[0, 1]"]),
     ("train", ["simulator=gazebo"], ["simulator/gazebo", "batched"]),
     ("train", ["resume=nowhere"], ["resume=nowhere", "no run there"]),

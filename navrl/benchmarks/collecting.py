@@ -1,4 +1,4 @@
-"""How fast experience reaches the replay: from this process, and from workers."""
+"""Rate of collecting experience into the replay buffer, with and without workers."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ MakeSource = Callable[[int], tuple[Collector, Replay]]
 def worker_rows(make: MakeSource, workers: Sequence[int], budget: Budget) -> list[Row]:
     """Measure collection alone: worlds are stepped, transitions written, nothing is learned.
 
-    Beside the frames a second that arrive, the rate at which the receiving process could take them
-    in if it never had to wait: it bounds what any number of workers can bring.
+    Also measured is the rate at which the receiving process stores frames without waiting, the
+    upper bound for any number of workers.
 
     Args:
         make: Builds what is measured.

@@ -1,4 +1,4 @@
-"""What one GPU does with many worlds: scans, complete steps, updates, and the paper's training."""
+"""Rates of one GPU with many worlds: scans, complete steps, updates and training."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def gpu_rows(
     frames_per_s: np.ndarray,
     budget: Budget,
 ) -> list[Row]:
-    """Measure what a GPU does; closes the environment.
+    """Measure a GPU; closes the environment.
 
     Args:
         simulator: On the GPU; its scans alone are measured.

@@ -1,4 +1,4 @@
-"""How costs grow with sizes."""
+"""Exponents of the growth of costs with size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def fit_exponents(sizes: Sequence[float], costs: np.ndarray) -> np.ndarray:
     sizes, costs = np.asarray(sizes, dtype=float), np.asarray(costs, dtype=float)
     if len(set(sizes.tolist())) < 2 or costs.shape[-1:] != sizes.shape:
         raise ValueError(
-            f"sizes: need two different ones or more and a cost for each, "
+            f"sizes: must be at least two different ones with a cost for each, "
             f"got {sizes.tolist()} and costs of shape {list(costs.shape)}"
         )
     if not (sizes > 0).all() or not (costs > 0).all():

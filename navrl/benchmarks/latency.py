@@ -1,4 +1,4 @@
-"""From a scan to a command, as on a robot: one world, one core."""
+"""Latency from a scan to a command, as on a robot: one world, one core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The DDPG update, against what the machine can multiply."""
+"""Rate of DDPG updates relative to the machine's rate of matrix products."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def count_flops(learner: DDPG, batch: TensorDictBase, textbook: bool = True) -> 
     Args:
         learner: With networks in float32.
         batch: Transitions.
-        textbook: Whether to count losses and gradients as TorchRL's own loss computes them, which
-            is what an update has to achieve; if not, what this learner does for it.
+        textbook: Whether to count the operations of TorchRL's loss instead of those of this
+            learner.
     """
     counter = FlopCounterMode(display=False)
     counter.mod_tracker = _OneModule()
@@ -65,7 +65,7 @@ def count_flops(learner: DDPG, batch: TensorDictBase, textbook: bool = True) -> 
 
 
 class _OneModule:
-    """Stands in for torch's tracker of modules, which trips over parameters in a TensorDict."""
+    """Replacement of torch's module tracker, which fails for parameters in a TensorDict."""
 
     parents = ("Global",)
 

@@ -1,4 +1,4 @@
-"""How long things take, measured side by side."""
+"""Alternating measurement of the rates of several tasks."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import torch
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is measured.
+    """Amount of measurement.
 
     Args:
-        seconds: Least duration of one measurement, s.
-        repeats: Measurements of each thing.
+        seconds: Minimum duration of one measurement, s.
+        repeats: Measurements per task.
 
     Raises:
         ValueError: If a value is not positive.
@@ -36,7 +36,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Task:
-    """Something to be timed.
+    """Task to be timed.
 
     Args:
         work: Does some work and returns how many units of it.
@@ -50,11 +50,10 @@ class Task:
 
 
 def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray]:
-    """Measure all tasks in turn, over and over.
+    """Measure all tasks alternately and repeatedly.
 
-    What is compared is measured within seconds of each other, there and back (A B B A), so that a
-    machine that slows down, or is busy with something else, does so for all of them. Each task runs
-    once before, unmeasured: compilers and caches are warm.
+    Tasks alternate (A B B A) within seconds, so that a machine that slows down affects all of them.
+    Each task runs once before the measurement, so compiled kernels and caches are warm.
 
     Args:
         tasks: What to time, by name.
@@ -106,7 +105,7 @@ def _run(task: Task) -> tuple[int, float]:
 
 
 def _wait_for_gpu() -> None:
-    """Wait until a GPU in use, if there is one, has done what it was told."""
+    """Wait until a used GPU has finished its work."""
     if torch.cuda.is_initialized():
         torch.cuda.synchronize()
 
@@ -124,9 +123,9 @@ def threads(count: int) -> Iterator[None]:
 
 @contextmanager
 def frozen_objects() -> Iterator[None]:
-    """Keep the garbage collector from what exists by now, as ``navrl-train`` does.
+    """Exclude all current objects from garbage collection, as in ``navrl-train``.
 
-    Torch's modules are some hundred thousand objects, and to walk them takes milliseconds.
+    Torch's modules have some hundred thousand objects, whose traversal takes milliseconds.
     """
     gc.collect()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Memory that many worlds take, in a process of their own."""
+"""Memory use of many worlds, in a separate process."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _NUM_STEPS = 5
 
 
 def memory_row(make: MakeEnv, num_worlds: int) -> Row:
-    """Measure what ``num_worlds`` worlds add to a process that has stepped a single one.
+    """Measure the memory that ``num_worlds`` worlds add to a process with a single one.
 
     Args:
         make: Makes the environment; it is pickled.
         num_worlds: Worlds.
     """
     context = get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as first:  # compiles what is not in the cache
+    with ProcessPoolExecutor(1, mp_context=context) as first:  # compiles missing kernels
         first.submit(_drive, make, 1).result()
     with ProcessPoolExecutor(1, mp_context=context) as fresh:
         grown = fresh.submit(_grow, make, num_worlds).result()
@@ -34,7 +34,7 @@ def memory_row(make: MakeEnv, num_worlds: int) -> Row:
 
 
 def _grow(make: Callable, num_worlds: int) -> float:
-    """Return by how many MB the process came to hold more than before, at its peak."""
+    """Return the increase of the process's peak memory, MB."""
     with threads(1):
         _drive(make, 1)
         before = _resident_mb()
@@ -49,7 +49,7 @@ def _drive(make: MakeEnv, num_worlds: int) -> None:
 
 
 def _resident_mb() -> float:
-    """Return what the process holds now, or its peak where the system does not tell."""
+    """Return the process's memory, or its peak if the system does not report it."""
     file = Path("/proc/self/statm")
     if not file.is_file():
         return _peak_mb()

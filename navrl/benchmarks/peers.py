@@ -1,7 +1,7 @@
-"""Other simulators with a lidar, where the extra ``benchmark-peers`` is installed.
+"""Comparison with other lidar simulators, of the extra ``benchmark-peers``.
 
-One robot stands between four walls while ten obstacles move; a unit is one move of everything and
-one scan. Each is driven through its own public interface.
+One stationary robot is between four walls while ten obstacles move; a unit is one simulation step
+and one scan. Each simulator is used through its public interface.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row 
         budget: How much to measure.
 
     Returns:
-        Rows, and a line for each peer that is not there.
+        Rows, and a line for each peer that is not installed.
     """
     found = {name: start for name, start in PEERS.items() if find_spec(_MODULES[name])}
     missing: list[Row | str] = [

@@ -1,4 +1,4 @@
-"""ICP and TAGD alone, on scans of a drive."""
+"""Speed of ICP and TAGD on scans of a drive."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def perception_rows(
 
 
 def scans_of_a_drive(env: TransformedEnv) -> TensorDictBase:
-    """Return what the transforms see after some random steps."""
+    """Return the transforms' inputs after some random steps."""
     drive = RandomDrive(env)
     for _ in range(_NUM_STEPS):
         drive()

@@ -1,4 +1,4 @@
-"""What a benchmark found: rows, series, and the report that holds them."""
+"""Results of a benchmark: rows, series and report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Ratios only: both sides are measured in turn, so another machine or a busy one c
 
 @dataclass(frozen=True)
 class Bar:
-    """The figure to reach.
+    """Target value of a row.
 
     Args:
         limit: In the row's unit.
@@ -36,7 +36,7 @@ class Bar:
     is_least: bool = True
 
     def is_met_by(self, value: float) -> bool:
-        """Tell whether ``value`` reaches the bar."""
+        """Return whether ``value`` reaches the bar."""
         return value >= self.limit if self.is_least else value <= self.limit
 
     def __str__(self) -> str:
@@ -54,7 +54,7 @@ class Row:
 
     Args:
         key: Unique name, for programs.
-        label: What it is, for people.
+        label: Display name.
         unit: Of the values.
         values: One a repeat.
         bar: What the median should reach, or ``None``.
@@ -72,11 +72,11 @@ class Row:
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=float)
         if values.size == 0 or not np.isfinite(values).all():
-            raise ValueError(f"{self.key}: need finite values, got {values.tolist()}")
+            raise ValueError(f"{self.key}={values.tolist()}: must be finite values")
 
     @property
     def median(self) -> float:
-        """Middle of the values."""
+        """Median of the values."""
         return float(np.median(self.values))
 
     @property
@@ -87,7 +87,7 @@ class Row:
 
     @property
     def is_met(self) -> bool | None:
-        """Whether the median reaches the bar; ``None`` without one."""
+        """Return whether the median reaches the bar; ``None`` without a bar."""
         return None if self.bar is None else self.bar.is_met_by(self.median)
 
     def is_within(self, factor: float) -> bool:
@@ -113,7 +113,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Series:
-    """How a cost grows with a size.
+    """Growth of a cost with a size.
 
     Args:
         key: Unique name, for programs.
@@ -159,14 +159,14 @@ class Series:
 
 @dataclass
 class Report:
-    """All that one run of the benchmark found.
+    """Report of one run of the benchmark.
 
     Args:
         machine: Where it ran.
         rows: In the order of the table.
         series: Growth of costs; each has its row too.
-        skipped: What was left out, and why.
-        factor: A row that is further from its published figure is warned of; ``None``: none is.
+        skipped: Skipped rows with reasons.
+        factor: Ratio to the published figure above which a row causes a warning; ``None`` for none.
     """
 
     machine: dict
@@ -176,7 +176,7 @@ class Report:
     factor: float | None = None
 
     def add(self, *results: Row | Series | str) -> None:
-        """Append rows, series (with their rows) and reasons for what is left out."""
+        """Append rows, series (with their rows) and reasons for skipped rows."""
         for result in results:
             if isinstance(result, str):
                 self.skipped.append(result)

@@ -1,4 +1,4 @@
-"""Simulators alone: scans, and steps with scans."""
+"""Speed of simulators: scans, and steps with scans."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def scan_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1)
 
 
 def drive_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1) -> Task:
-    """Return a task whose unit is one step and one noise-free scan, robots turning on the spot."""
+    """Return a task whose unit is one step and one noise-free scan, robots turning in place."""
     turn = _turning(simulator, scenes)
 
     def drive() -> int:
@@ -46,11 +46,11 @@ def drive_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1
 
 
 def _turning(simulator: Simulator, scenes: ScenarioBatch) -> Callable[[], None]:
-    """Reset the worlds; return a function that turns every robot on the spot for one step."""
+    """Reset the worlds; return a function that turns every robot in place for one step."""
     simulator.reset(torch.arange(simulator.num_worlds), scenes)
     command = torch.zeros(simulator.num_worlds, 2)
     command[:, 1] = torch.linspace(0.5, 1.0, simulator.num_worlds)
-    command[::2, 1] *= -1  # no robot at rest, however many there are
+    command[::2, 1] *= -1  # no stationary robot, for any number
 
     def turn() -> None:
         simulator.step(command)

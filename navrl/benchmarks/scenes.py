@@ -1,4 +1,4 @@
-"""Worlds whose size is a number: a room with boxes and walkers around a robot in its middle."""
+"""Scalable worlds: a room with boxes and pedestrians around a robot at its center."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
 
 ROOM_HALF_SIZE = 3.2  # m; walls are within the range of 3.5 m, corners are not
-FREE_RADIUS = 0.8  # m around the robot, where it turns on the spot and nobody comes
+FREE_RADIUS = 0.8  # m around the robot without boxes and pedestrians
 WALL = 0.1  # m, half thickness
 WALKER = 0.15  # m, half size
 WALK_SPEED = 0.5  # m/s
 
 
 def clutter(num_worlds: int, num_boxes: int, num_pedestrians: int = 0) -> ScenarioBatch:
-    """Return rooms that differ in where things are.
+    """Return rooms with random positions of boxes and pedestrians.
 
     Args:
         num_worlds: S.
@@ -28,7 +28,7 @@ def clutter(num_worlds: int, num_boxes: int, num_pedestrians: int = 0) -> Scenar
         ValueError: If there is no box for one of the walls.
     """
     if num_boxes < 4:
-        raise ValueError(f"num_boxes={num_boxes}: a room has at least its 4 walls")
+        raise ValueError(f"num_boxes={num_boxes}: must be >= 4, the room's walls")
     return ScenarioBatch.pack([_room(i, num_boxes, num_pedestrians) for i in range(num_worlds)])
 
 
@@ -63,10 +63,10 @@ def walls() -> np.ndarray:
 def _boxes(generator: np.random.Generator, count: int) -> np.ndarray:
     """Return boxes ``[count, 5]`` anywhere in the room but around the robot."""
     half = generator.uniform(0.05, 0.25, (count, 2))
-    centre = generator.uniform(-ROOM_HALF_SIZE, ROOM_HALF_SIZE, (count, 2))
-    distance = np.linalg.norm(centre, axis=1, keepdims=True)
-    centre *= np.maximum(1.0, FREE_RADIUS / distance)
-    return np.concatenate([centre, half, generator.uniform(0, math.pi, (count, 1))], axis=1)
+    center = generator.uniform(-ROOM_HALF_SIZE, ROOM_HALF_SIZE, (count, 2))
+    distance = np.linalg.norm(center, axis=1, keepdims=True)
+    center *= np.maximum(1.0, FREE_RADIUS / distance)
+    return np.concatenate([center, half, generator.uniform(0, math.pi, (count, 1))], axis=1)
 
 
 def walkers(count: int) -> list[Pedestrian]:

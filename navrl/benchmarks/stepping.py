@@ -1,4 +1,4 @@
-"""Complete steps: simulate, scan, add noise, pool, align, group, reward; resets included."""
+"""Speed of complete steps, from simulation to reward, including resets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from navrl.ops.kernels.threads import torch_on_one_thread
 MakeEnv = Callable[[int], TransformedEnv]
 """From a number of worlds to an environment with all of its transforms."""
 
-_NUM_ACTIONS = 64  # drawn beforehand, used in turn: what draws them is not measured
+_NUM_ACTIONS = 64  # drawn in advance and reused, so that drawing is not measured
 
 
 class RandomDrive:

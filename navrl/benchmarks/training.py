@@ -1,4 +1,4 @@
-"""A short training, timed phase by phase by the trainer itself."""
+"""Phases of a short training, timed by the trainer."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ PHASES = {  # of the trainer, or of a trainer with workers
 
 
 def training_rows(log: Path, cores: int) -> list[Row]:
-    """Read what a training logged: each row of the log is one measurement.
+    """Read a training log, with one measurement per row.
 
     Args:
-        log: The trainer's ``metrics.csv``. Its first row is left out: it holds the steps before the
-            first update.
+        log: The trainer's ``metrics.csv``. Its first row is excluded: it includes the steps before
+            the first update.
         cores: Threads that it ran on.
 
     Raises:
@@ -34,7 +34,7 @@ def training_rows(log: Path, cores: int) -> list[Row]:
     with log.open(newline="") as stream:
         rows = [row for row in csv.DictReader(stream) if row.get("speed/frames_per_s")][1:]
     if not rows:
-        raise ValueError(f"{log}: need at least two rows with timings")
+        raise ValueError(f"{log}: must have at least two rows with timings")
 
     def column(name: str) -> np.ndarray:
         return np.array([float(row[name]) for row in rows])

@@ -1,4 +1,4 @@
-"""The installed commands."""
+"""Entry points of the installed commands."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""``navrl-benchmark``: measure speeds; a table, ``benchmark.json`` and ``benchmark.png``."""
+"""``navrl-benchmark``: measure speed and memory; writes a table, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 @hydra_main("benchmark")
 def main(cfg: DictConfig) -> None:
-    """Measure, print the table and keep it."""
+    """Measure, print the table and save it."""
     check_measured(HydraConfig.get().overrides.task)
     folder = Path(HydraConfig.get().runtime.output_dir)
     factory.set_threads(cfg)

@@ -1,4 +1,4 @@
-"""``navrl-compare A B ...``: evaluations of the same episodes side by side, with paired tests."""
+"""``navrl-compare A B ...``: compare evaluations of the same episodes by paired tests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 @hydra_main("compare")
 def _compare(cfg: DictConfig) -> None:
-    """Print the tables; write them where ``cfg.out`` says."""
+    """Print the tables and write them to ``cfg.out``."""
     folders = [cfg.folders] if isinstance(cfg.folders, str) else list(cfg.folders)
     table = compare_folders(folders, cfg.reference)
     metrics = metrics_markdown(table, list(cfg.metrics))
@@ -28,9 +28,9 @@ def _compare(cfg: DictConfig) -> None:
 
 
 def main() -> None:
-    """Take folders as they are, or ``folders=[A, B]`` as any other command of ours."""
+    """Accept folders as arguments, or as ``folders=[A, B]``."""
     words = sys.argv[1:]
-    # Sweeps give folders names such as policy=paper, too.
+    # Folders of sweeps may have names such as policy=paper.
     folders = [w for w in words if w[:1] != "-" and ("=" not in w or Path(w).is_dir())]
     if folders:
         rest = [word for word in words if word not in folders]

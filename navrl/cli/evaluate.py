@@ -1,4 +1,4 @@
-"""``navrl-evaluate``: play a suite with a policy; leaves ``episodes.csv`` and ``summary.json``."""
+"""``navrl-evaluate``: play a suite with a policy; writes episodes.csv and summary.json."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ log = logging.getLogger(__name__)
 
 @hydra_main("evaluate")
 def main(cfg: DictConfig) -> float:
-    """Evaluate; return the success rate.
+    """Evaluate a policy and return the success rate.
 
     Raises:
-        ValueError: If every episode raised: that is no result.
+        ValueError: If every episode raised an exception.
     """
     folder = Path(HydraConfig.get().runtime.output_dir)
     with jobs.locked(folder):

@@ -1,4 +1,4 @@
-"""``navrl-play``: save one episode as GIF, PNG and data."""
+"""``navrl-play``: play one episode and save it as GIF, PNG and data."""
 
 from __future__ import annotations
 

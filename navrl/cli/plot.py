@@ -23,7 +23,7 @@ def main(cfg: DictConfig) -> None:
     draw = instantiate(cfg.picture)
     try:
         files = draw(sources, out)
-    except ImportError as error:  # an extra that the message names: no traceback
+    except ImportError as error:  # a missing extra, named in the message
         raise ValueError(str(error)) from error
     for file in files:
         log.info("%s", file)

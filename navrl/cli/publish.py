@@ -1,4 +1,4 @@
-"""``navrl-publish``: make a bundle with a card of a run's best policy."""
+"""``navrl-publish``: write a bundle with a model card of a run's best policy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from navrl.jobs.publishing import publish
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the bundle and say where it is; what a user gets wrong ends in one line, status 2."""
+    """Write the bundle and print its path; user errors exit with one line and status 2."""
     options = make_parser().parse_args(arguments)
     try:
         folder = publish(**vars(options))
@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Return what reads the command line."""
+    """Return the command-line parser."""
     parser = argparse.ArgumentParser("navrl-publish", description=__doc__.partition(": ")[2])
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of navrl-train")
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the bundle, named like it")
@@ -33,9 +33,9 @@ def make_parser() -> argparse.ArgumentParser:
         nargs="+",
         default=[],
         metavar="FOLDER",
-        help="of navrl-evaluate with this policy, for the card; all below them is taken",
+        help="folders of navrl-evaluate with this policy, for the card; searched recursively",
     )
-    parser.add_argument("--about", default="", help="a sentence on what the policy is")
+    parser.add_argument("--about", default="", help="a sentence that describes the policy")
     parser.add_argument(
         "--half", action="store_true", help="store weights as float16, in half the space"
     )

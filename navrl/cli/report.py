@@ -1,4 +1,4 @@
-"""``navrl-report``: gather runs, evaluations and episodes into one HTML page."""
+"""``navrl-report``: write one HTML page of runs, evaluations and episodes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from navrl.viz.report import write_report
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the page and say where it is; what a user gets wrong ends in one line, status 2."""
+    """Write the page and print its path; user errors exit with one line and status 2."""
     options = make_parser().parse_args(arguments)
     out = options.out or Path(options.folders[0]) / "report.html"
     try:
@@ -25,19 +25,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Return what reads the command line."""
+    """Return the command-line parser."""
     parser = argparse.ArgumentParser("navrl-report", description=__doc__.partition(": ")[2])
-    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="everything below it counts")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="searched recursively")
     parser.add_argument(
-        "--out", type=Path, help="the page; report.html in the first folder if not given"
+        "--out", type=Path, help="file of the page; default: report.html in the first folder"
     )
     parser.add_argument(
         "--reference",
-        help="policy that others are compared with; if not given, paper, else the best that "
-        "does not read the true state",
+        help="policy that others are compared with; default: paper, or the best that is not "
+        "privileged",
     )
     parser.add_argument(
-        "--episodes", type=int, default=12, help="recorded episodes to put in, lost ones first"
+        "--episodes", type=int, default=12, help="maximum number of recorded episodes, failed first"
     )
     return parser
 

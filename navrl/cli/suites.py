@@ -1,4 +1,4 @@
-"""``navrl-suites``: list, check and freeze the sets of episodes that scores are reported on."""
+"""``navrl-suites``: list, check and freeze suites of episodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit status.
 
     Args:
-        arguments: Of the command line; this process's own if ``None``.
+        arguments: Command-line arguments; those of this process if ``None``.
     """
     parser = argparse.ArgumentParser("navrl-suites", description=__doc__.splitlines()[0])
     parser.add_argument(
@@ -23,10 +23,10 @@ def main(arguments: list[str] | None = None) -> int:
         nargs="?",
         default="list",
         choices=["list", "check", "freeze"],
-        help="show the suites and their hashes; generate all episodes anew and compare them; "
-        "or freeze what is not frozen yet (default: list)",
+        help="list the suites and their hashes; regenerate and compare all episodes; or freeze "
+        "new suites (default: list)",
     )
-    parser.add_argument("names", nargs="*", help="of suites, as listed; all if there is none")
+    parser.add_argument("names", nargs="*", help="names of suites, as listed (default: all)")
     parser.add_argument("--num-workers", type=int, default=os.cpu_count() or 1, help="processes")
     options = parser.parse_args(arguments)
     try:
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _act(action: str, entry, num_workers: int) -> int:
-    """Do one suite; return 1 if it is not what was frozen."""
+    """Process one suite; return 1 if it differs from the frozen one."""
     suite, told = entry.suite, ""
     try:
         if action == "check":

@@ -1,4 +1,4 @@
-"""``navrl-train``: train a policy, evaluate the best of it, leave pictures."""
+"""``navrl-train``: train a policy, evaluate its best checkpoint, and draw pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 @hydra_main("train")
 def main(cfg: DictConfig) -> float:
-    """Run one training; return the best policy's success rate on the reported suite."""
+    """Run one training; return the best policy's success rate on the evaluated suite."""
     if cfg.resume is None:
         folder = Path(HydraConfig.get().runtime.output_dir)
         with jobs.locked(folder):
@@ -42,16 +42,16 @@ def _train(cfg: DictConfig, folder: Path) -> float:
         return _report(cfg, folder) if summary is None else summary["success_rate"]
     record_command(folder)
     jobs.record_config(cfg, folder)
-    jobs.check_evaluation(scoring)  # hours of training must not end in its error
+    jobs.check_evaluation(scoring)  # report its errors before hours of training
     trainer = factory.make_trainer(cfg, folder)
     log.info("updates in %s", trainer.algorithm.precision.name)
     gc.collect()
-    gc.freeze()  # all that is there by now stays: no need to look for garbage in it, over and over
+    gc.freeze()  # exclude all current objects from garbage collection
     try:
         progress = trainer.run()
     except TrainingStoppedError as stop:
         print(f"navrl: {stop}", file=sys.stderr)
-        sys.exit(128 + stop.signal_number)  # as a shell reports a signal
+        sys.exit(128 + stop.signal_number)  # exit status of a signal, as in a shell
     log.info(
         "%d frames, %d updates, %d episodes in %.0f s",
         progress.frames,
@@ -63,20 +63,20 @@ def _train(cfg: DictConfig, folder: Path) -> float:
 
 
 def _playing(cfg: DictConfig, folder: Path) -> DictConfig:
-    """Return the configuration by which an episode of the best policy is played."""
+    """Return the configuration for playing an episode of the best policy."""
     playing = compose("play")
     set_default(playing, "device", cfg.get("device", "cpu"))
     parts = ("suite", "simulator", "num_threads", "environment", "progress_bar")
     for part in (*parts, *(name for name in ("pedestrians", "timing") if name in cfg)):
         set_default(playing, part, cfg[part])
     set_default(playing, "policy", str(folder))
-    # What this very run was made of may be built again.
+    # The packages of this run's own configuration are trusted.
     set_default(playing, "allow", sorted(target_packages(cfg) - {"navrl"}))
     return playing
 
 
 def _scoring(cfg: DictConfig, folder: Path) -> DictConfig:
-    """Return the configuration by which the best policy is evaluated on the reported suite."""
+    """Return the configuration for evaluating the best policy on the suite."""
     scoring = _playing(cfg, folder)
     set_default(scoring, "simulator", cfg.get("final_simulator", cfg.simulator))
     scoring.num_worlds = 100
@@ -84,7 +84,7 @@ def _scoring(cfg: DictConfig, folder: Path) -> DictConfig:
 
 
 def _report(cfg: DictConfig, folder: Path) -> float:
-    """Evaluate the best policy, then draw its curves and one of its episodes."""
+    """Evaluate the best policy, and draw learning curves and one episode."""
     plot_curves([folder / "metrics.csv"], folder / "curves.png")
     playing = _playing(cfg, folder)
     recording = jobs.record(playing)
@@ -93,7 +93,7 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     save_png(recording, folder / "episode.png")
     summary = jobs.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
     log.info(
-        "best policy on %s: %.1f %% success over %d episodes; everything is in %s",
+        "best policy on %s: %.1f %% success over %d episodes; all files are in %s",
         summary["suite"],
         100 * summary["success_rate"],
         summary["episodes"],

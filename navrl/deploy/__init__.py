@@ -1,4 +1,4 @@
-"""Trained policies outside of a simulator: on a robot, in a node, behind another planner."""
+"""Deployment of trained policies on a robot, without a simulator."""
 
 from navrl.deploy.runner import PolicyRunner
 from navrl.deploy.safety import DriveState, SafetyLimits, ScanCheck

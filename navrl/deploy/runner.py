@@ -1,4 +1,4 @@
-"""From a scan, a pose and a path to a command, one robot at a time."""
+"""Runner that maps a scan, a pose and a path to a command for one robot."""
 
 from __future__ import annotations
 
@@ -31,26 +31,27 @@ from navrl.worlds.scenario import MAX_PATH_POINTS
 
 
 class PolicyRunner:
-    """Run a policy on a robot: one call for each scan, the past is carried along.
+    """Run a policy on a robot, with one call per scan.
 
-    The numbers are those of the same policy in the same place of a simulation. Nothing but torch
-    and the transforms runs: no simulator, no environment. A robot that cannot see, that has
-    arrived or that is far from its path gets the command zero; :attr:`state` names the reason.
+    Commands equal those of the same policy at the same place in simulation; the scan history is
+    stored between calls. Only torch and the transforms run, without simulator or environment. If
+    the scan is unusable, the goal is reached or the path is too far away, the command is zero;
+    :attr:`state` is the reason.
 
     Args:
-        transforms: From raw observations to network inputs, as in training. They are cloned: the
-            same ones may serve another robot.
+        transforms: Map raw observations to network inputs, as in training. They are cloned, so that
+            they can be shared by several runners.
         actor: Writes an action in [-1, 1].
-        lidar: What the policy was trained with: number of beams, largest range and mount.
+        lidar: Lidar of the training: number of beams, maximum range and mount.
         robot: Limits of the command.
-        limits: When the robot may drive; by default those of :class:`SafetyLimits`.
+        limits: Conditions under which the robot may drive; defaults of :class:`SafetyLimits`.
 
     Attributes:
         state: :class:`DriveState` after the last call of :meth:`act`; ``None`` before the first one
             and after one that raised.
 
     Raises:
-        ValueError: If the transforms do not fit the lidar, naming the step.
+        ValueError: If the transforms do not fit the lidar; the message names the transform.
 
     Example:
         >>> from navrl.policies import ZOO
@@ -78,7 +79,7 @@ class PolicyRunner:
         self.state: DriveState | None = None
         senses = TransformedEnv(_Senses(lidar, robot), transforms.clone())
         senses.append_transform(ActionScaling())
-        senses.action_spec  # noqa: B018, built now: a misfit is told here and not at the first scan
+        senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
         self._env, self._transform = senses, senses.transform
         self._actor, self._robot = actor, robot
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
@@ -89,10 +90,10 @@ class PolicyRunner:
     def from_bundle(
         cls, folder: str | Path, allow: Sequence[str] = (), limits: SafetyLimits | None = None
     ) -> PolicyRunner:
-        """Load a policy's folder: one of the zoo, or ``policy`` of a training run.
+        """Load a bundle: one of the zoo, or the folder ``policy`` of a training run.
 
         Args:
-            folder: The bundle.
+            folder: Folder of the bundle.
             allow: See :func:`navrl.policies.load_bundle`.
             limits: See :class:`PolicyRunner`.
 
@@ -104,7 +105,7 @@ class PolicyRunner:
         return cls(bundle.build("transforms"), bundle.actor, *parts, limits)
 
     def reset(self) -> None:
-        """Forget the past: the next scan is the first of a new drive."""
+        """Clear the scan history: the next scan is the first of a new drive."""
         self._past = None
 
     @torch.no_grad()
@@ -115,21 +116,21 @@ class PolicyRunner:
             ranges: ``[num_beams]`` m, beam j at bearing ``2 pi j / num_beams``, counted
                 counter-clockwise from the lidar's x axis: straight ahead unless the policy's
                 ``lidar.mount`` is turned. A beam without return reads at least the lidar's
-                ``max_range``, infinity or zero; one that is too near to be measured reads negative
+                ``max_range``, infinity or zero; one that is too close to be measured reads negative
                 infinity; NaN and other negative values are invalid (:class:`ScanCheck`).
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
-            path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. It may change
-                between calls only together with :meth:`reset`: progress along it is remembered.
+            path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. Call
+                :meth:`reset` when it changes, since progress along it is stored.
 
         Returns:
-            ``[C]`` float32 within the robot's limits, e.g. (v, w) in m/s and rad/s; to be driven
-            until the next scan, 0.2 s later in training. Zero unless :attr:`state` is ``DRIVE``.
-            What the robot sensed is not remembered while it is blind or off its path, nor after a
-            bad command; the stop is, as the last action.
+            ``[C]`` float32 within the robot's limits, e.g. (v, w) in m/s and rad/s; valid until the
+            next scan, 0.2 s later in training. Zero unless :attr:`state` is ``DRIVE``. Observations
+            are not stored in the states ``BLIND``, ``OFF_PATH`` and ``BAD_COMMAND``; the stop is
+            stored as the last action.
 
         Raises:
-            ValueError: If a shape does not fit, if pose or path is not finite, or if the yaw is
-                not in radians. Nothing is remembered then.
+            ValueError: If a shape does not fit, if pose or path is not finite, or if the yaw is not
+                in radians. The stored history is unchanged then.
         """
         self.state = None  # until a decision is made
         sensed = self._checked(ranges, pose, path)
@@ -143,7 +144,7 @@ class PolicyRunner:
     def _decide(
         self, sensed: TensorDictBase, state: DriveState
     ) -> tuple[np.ndarray | None, DriveState]:
-        """Return the policy's command and the state; the past moves on if both are usable."""
+        """Return the policy's command and the state; update the history if both are usable."""
         if state in (DriveState.BLIND, DriveState.OFF_PATH):
             return None, state
         if self._past is None:
@@ -160,7 +161,7 @@ class PolicyRunner:
         return command, state
 
     def _sensed_state(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> DriveState:
-        """Return the state that scan, pose and path alone call for."""
+        """Return the state that follows from scan, pose and path."""
         seen = self._scan_check.state(_single(ranges))
         if seen is DriveState.BLIND:
             return seen
@@ -172,26 +173,25 @@ class PolicyRunner:
     def _act(self, now: TensorDictBase) -> Tensor:
         actor = self._actor
         if type(actor) is TensorDictModule and actor.out_keys == [keys.ACTION]:
-            # The network itself: around it a TensorDictModule looks for packages at every call.
+            # Call the network directly: a TensorDictModule checks for packages at every call.
             return actor.module(*(now.get(key) for key in actor.in_keys))
         return actor(now.copy())[keys.ACTION]
 
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
         ranges = _single(ranges)
-        # The transforms subtract pose and path in float64: float32 knows large maps to 0.5 m.
+        # The transforms subtract pose and path in float64: float32 resolves large maps to 0.5 m.
         pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
         if ranges.shape != (self.num_beams,):
-            raise ValueError(f"ranges: need shape [{self.num_beams}], got {list(ranges.shape)}")
+            raise ValueError(f"ranges.shape={list(ranges.shape)}: must be [{self.num_beams}]")
         if pose.shape != (3,) or not np.isfinite(pose).all():
-            raise ValueError(f"pose: need 3 finite numbers (x, y, yaw), got {pose.tolist()}")
+            raise ValueError(f"pose={pose.tolist()}: must be 3 finite numbers (x, y, yaw)")
         check_yaw(pose[2])
         if path.ndim != 2 or path.shape[1] != 2 or not 1 <= len(path) <= MAX_PATH_POINTS:
             raise ValueError(
-                f"path: need shape [P, 2] with P from 1 to {MAX_PATH_POINTS}, "
-                f"got {list(path.shape)}"
+                f"path.shape={list(path.shape)}: must be [P, 2] with P from 1 to {MAX_PATH_POINTS}"
             )
         if not np.isfinite(path).all():
-            raise ValueError("path: a point is not finite")
+            raise ValueError("path: must be finite in all points")
         whole = np.concatenate([path, np.repeat(path[-1:], MAX_PATH_POINTS - len(path), axis=0)])
         ranges = self._scan_check.cleaned(ranges)
         values = {keys.RANGES: ranges, keys.POSE: pose.copy(), keys.PATH: whole}
@@ -199,13 +199,13 @@ class PolicyRunner:
 
 
 def _single(values: ArrayLike) -> np.ndarray:
-    """Return ``values`` as float32; what is too large for that becomes infinite."""
+    """Convert ``values`` to float32; too large values become infinite."""
     with np.errstate(over="ignore"):
         return np.asarray(values, dtype=np.float32)
 
 
 class _Senses(EnvBase):
-    """What a robot observes and can do, as specs for the transforms; it is never stepped."""
+    """Observation and action specs of a robot for the transforms; it is never stepped."""
 
     def __init__(self, lidar: Lidar, robot: RobotModel) -> None:
         super().__init__(batch_size=[1])

@@ -1,7 +1,7 @@
-"""Decide from scan, pose, path and command whether a robot may drive.
+"""Safety checks of scan, pose, path and command before a robot drives.
 
 A policy cannot report that its input is unusable: on a scan without returns it commands full
-speed. So its input and its command are checked outside of it.
+speed. So its input and its command are checked separately.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class DriveState(StrEnum):
     - ``DRIVE``: the policy's command, within the robot's limits.
     - ``AT_GOAL``: the robot is within the goal radius of the path's last point.
     - ``OFF_PATH``: the robot is farther from its path than the policy was trained for.
-    - ``BLOCKED``: something ahead is nearer than the lidar's minimum range.
+    - ``BLOCKED``: an obstacle ahead is closer than the lidar's minimum range.
     - ``BLIND``: the scan does not cover the sector ahead, or no beam shows that the lidar works.
     - ``BAD_COMMAND``: the policy's command is not finite.
     """
@@ -49,12 +49,12 @@ class SafetyLimits:
         max_path_distance: Largest distance to the path, m. 2.0: the shipped policies stay within
             1.6 m in simulation.
         min_measured_share: Share of the beams that must measure a distance; with fewer the lidar
-            counts as dead. 0.01: a single person 3 m away covers 0.02 of the beams. A scan without
-            any return is the same in an empty place as from a dead lidar, so the robot stops there;
-            0 lets it drive on, if the lidar is monitored by other means.
+            counts as defective. 0.01: a single person 3 m away covers 0.02 of the beams. A scan
+            without any return is the same in an empty place as from a defective lidar, so the robot
+            stops there; use 0 to drive on, if the lidar is monitored by other means.
         max_gap: Widest gap of neighboring invalid beams ahead, rad. 0.175 (10 deg): beyond 2 m it
             can hide an obstacle as wide as the robot.
-        sector: Half angle of what counts as ahead, rad; also behind, if the robot may reverse.
+        sector: Half angle of the sector ahead, rad; also behind, if the robot may reverse.
         sensor_range: Largest distance a lidar can measure, m; a larger reading is invalid, unless
             it is the scan's maximum, which many drivers write for no return. 100: more than planar
             lidars measure, and 10 cm if ranges are in mm.
@@ -97,7 +97,7 @@ class ScanCheck:
     - a *distance*: finite and positive;
     - *no return*, free up to the largest range: positive infinity, zero, or the scan's maximum, if
       that is at least ``max_range``;
-    - *too near*: negative infinity;
+    - *too close*: negative infinity;
     - *invalid*: NaN, negative, or larger than ``sensor_range``.
 
     Args:
@@ -131,7 +131,7 @@ class ScanCheck:
     def cleaned(self, ranges: np.ndarray) -> np.ndarray:
         """Return the scan ``[num_beams]`` m as a simulated lidar would give it, float32.
 
-        No return and invalid become ``max_range``; too near becomes the robot's radius.
+        No return and invalid become ``max_range``; too close becomes the robot's radius.
         """
         is_return = (ranges > 0.0) & (ranges <= self._max_range)
         cleaned = np.where(is_return, ranges, self._max_range)
@@ -142,7 +142,7 @@ class ScanCheck:
         return np.isnan(ranges) | ((ranges < 0.0) & ~np.isneginf(ranges)) | impossible
 
     def _measured(self, ranges: np.ndarray) -> np.ndarray:
-        """Return ``[num_beams]`` bool: a distance, within the policy's largest range or beyond."""
+        """Return ``[num_beams]`` bool: a distance, below or above the policy's maximum range."""
         in_range = (ranges > 0.0) & (ranges < self._max_range - RETURN_MARGIN_M)
         beyond = (ranges > self._max_range) & (ranges < _largest(ranges))
         return in_range | (beyond & (ranges <= self._limits.sensor_range))

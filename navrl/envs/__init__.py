@@ -1,4 +1,4 @@
-"""The navigation environment, its rewards and outcomes."""
+"""Navigation environment with rewards and outcomes."""
 
 from navrl.envs.navigation import NavigationEnv
 from navrl.envs.outcome import Outcome

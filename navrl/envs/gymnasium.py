@@ -1,4 +1,4 @@
-"""The navigation task as a plain gymnasium environment: one world, NumPy, scalars."""
+"""Gymnasium environment of the navigation task: one world, NumPy arrays, scalar rewards."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ OBSERVED = (keys.RANGES, keys.POSE, keys.PATH)
 
 
 class Renderer(Protocol):
-    """Interface of what draws the running episode, so that this layer needs no pictures."""
+    """Interface of renderers, so that this layer does not import the drawing code."""
 
     def start(self, observation: TensorDictBase) -> None:
-        """Take in what a reset returned, ``[1]``."""
+        """Record the observation of a reset, ``[1]``."""
 
     def add(self, action: Tensor, observation: TensorDictBase) -> None:
-        """Take in a command ``[2]`` in m/s and rad/s and what the step returned, ``[1]``."""
+        """Record a command ``[2]`` in m/s and rad/s and the step's observation, ``[1]``."""
 
     def frame(self) -> np.ndarray:
-        """Return the present moment, ``[H, W, 3]`` uint8, always of the same size."""
+        """Return an image of the current step, ``[H, W, 3]`` uint8, of constant size."""
 
 
 class GymnasiumNavigation(gymnasium.Env):
@@ -50,10 +50,10 @@ class GymnasiumNavigation(gymnasium.Env):
     reward_TERM      float32  contribution of each term to the reward, weight included
     ===============  =======  ==================================================================
 
-    All of them are NumPy values, as vector environments and TorchRL's info reader stack them.
+    All of them are NumPy values, because vector environments and TorchRL's info reader stack them.
 
-    **Seeds**: ``reset(seed=...)`` fixes this episode and all that follow. An environment that was
-    never given one draws its own from the operating system, so that copies differ.
+    **Seeds**: ``reset(seed=...)`` determines this episode and all later ones. An environment
+    without a seed draws one from the operating system, so that copies differ.
 
     **End**: a step after the end raises :class:`gymnasium.error.ResetNeeded`.
 
@@ -65,13 +65,13 @@ class GymnasiumNavigation(gymnasium.Env):
         ValueError: If the environment has another number of worlds or is on another device.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 -- gymnasium's way
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 -- as in gymnasium
 
     def __init__(self, env: NavigationEnv, renderer: Renderer | None = None) -> None:
         if env.batch_size != torch.Size([1]):
             raise ValueError(f"env.batch_size={list(env.batch_size)}: must be [1], one world")
         if env.device.type != "cpu":
-            raise ValueError(f"env.device={env.device}: must be cpu, where NumPy's arrays are")
+            raise ValueError(f"env.device={env.device}: must be cpu, as for NumPy arrays")
         self._env, self._renderer = env, renderer
         self._is_running = False
         self.render_mode = None if renderer is None else "rgb_array"
@@ -94,14 +94,14 @@ class GymnasiumNavigation(gymnasium.Env):
         """Start an episode.
 
         Args:
-            seed: Fixes this episode and all that follow; ``None`` goes on with the generator.
-            options: Nothing can be chosen yet.
+            seed: Determines this episode and all later ones; ``None`` continues the generator.
+            options: None supported; must be ``None`` or empty.
 
         Returns:
             Observation and info, see the class.
 
         Raises:
-            ValueError: If there is an option.
+            ValueError: If an option is given.
         """
         if options:
             raise ValueError(f"options={options}: must be None or empty")
@@ -143,7 +143,7 @@ class GymnasiumNavigation(gymnasium.Env):
         return observation, float(stepped["reward"]), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
-        """Return the present moment ``[H, W, 3]`` uint8, or ``None`` without a ``render_mode``.
+        """Return an image of the current step ``[H, W, 3]`` uint8; ``None`` without render_mode.
 
         Raises:
             ResetNeeded: If no episode has begun.

@@ -1,4 +1,4 @@
-"""The navigation task as a natively batched TorchRL environment."""
+"""Batched TorchRL environment of the navigation task."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _STATE = (
 
 
 class NavigationEnv(EnvBase):
-    """Drive N robots to their goals among pedestrians that never give way.
+    """Drive N robots to their goals among non-reactive pedestrians.
 
     **Action** ``action [N, C]``: the robot's command, within its limits; of a differential drive
     ``[N, 2]``, (v, w) in m/s and rad/s.
 
-    **Observation** (everything else is a transform's business):
+    **Observation** (transforms compute everything else):
 
     ========  ==================  ======================================================
     key       shape               meaning
@@ -45,27 +45,27 @@ class NavigationEnv(EnvBase):
     ========  ==================  ======================================================
 
     With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
-    [N, 1]``, the true state, for metrics and for controllers that cheat.
+    [N, 1]``, the true state, for metrics and privileged controllers.
 
     **Reward** ``[N, 1]``: the sum of the terms; each is in ``reward_terms`` too.
 
-    **Start**: a scenario drawn by the environment's own generator, the robot at rest, facing along
-    its path. **End**: ``terminated`` on collision or goal; ``truncated`` at the step limit, so that
-    a value still bootstraps there.
+    **Start**: a scenario drawn by the environment's own generator, the robot stationary and facing
+    along its path. **End**: ``terminated`` on collision or goal; ``truncated`` at the step limit,
+    so that the value bootstraps there.
 
-    **Partial reset**: the other rows carry what was observed last, so that running statistics
-    directly behind the environment (VecNorm) see no zeros.
+    **Partial reset**: the other rows repeat their last observation, so that running statistics of
+    the environment's output (VecNorm) do not include zeros.
 
     Args:
-        simulator: Worlds to act in; its number of worlds is the batch size.
-        scenarios: Where training scenarios are drawn from; ``None`` if :meth:`set_scenarios` is
+        simulator: Simulator; its number of worlds is the batch size.
+        scenarios: Source of training scenarios; ``None`` if :meth:`set_scenarios` is
             called before every reset.
-        rewards: Term per name; ``None`` leaves a term out.
-        goal_radius: m.
+        rewards: Reward term by name; ``None`` removes a term.
+        goal_radius: Distance to the goal that counts as success, m.
         time_limit_steps: Steps after which an episode is truncated.
-        privileged: Whether the true state is observed too.
+        privileged: Whether the observation includes the true state.
         seed: Seed of the environment's generator; ``None`` draws one from the operating system, so
-            that environments without a seed differ. Global generators are never touched.
+            that environments without a seed differ. Global generators are not used.
 
     Raises:
         ValueError: If a limit is not positive.
@@ -97,7 +97,7 @@ class NavigationEnv(EnvBase):
         self.rewards = {name: term for name, term in rewards.items() if term is not None}
         self.goal_radius, self.time_limit_steps = goal_radius, time_limit_steps
         self.privileged = privileged
-        self.max_dynamic: int | None = None  # pedestrians a drawn scenario has at most (curriculum)
+        self.max_dynamic: int | None = None  # curriculum: maximum number of dynamic pedestrians
         self._fixed: ScenarioBatch | None = None
         self._generator = torch.Generator()
         self._allocate()
@@ -105,20 +105,20 @@ class NavigationEnv(EnvBase):
         self.set_seed(seed)
 
     def set_scenarios(self, scenarios: ScenarioBatch | None) -> ScenarioBatch | None:
-        """Fix what each world plays from its next reset on; ``None`` returns to drawing.
+        """Set the scenario of each world from its next reset on; ``None`` draws at random again.
 
         Args:
-            scenarios: One row a world.
+            scenarios: One row per world.
 
         Returns:
-            What was fixed before.
+            The scenarios that were set before.
 
         Raises:
             ValueError: If the number of rows is not the number of worlds.
         """
         if scenarios is not None and len(scenarios) != self.simulator.num_worlds:
             raise ValueError(
-                f"scenarios: need one for each of {self.simulator.num_worlds} worlds, "
+                f"scenarios: must be one for each of {self.simulator.num_worlds} worlds, "
                 f"got {len(scenarios)}"
             )
         before, self._fixed = self._fixed, None if scenarios is None else scenarios.to(self.device)
@@ -135,7 +135,7 @@ class NavigationEnv(EnvBase):
         self._noise_seed = torch.zeros(n, dtype=torch.int64, device=device)
         self._steps = torch.zeros(n, dtype=torch.int64, device=device)
         self._progress = torch.zeros(n, device=device)
-        # What was observed last: a partial reset returns it for the other worlds.
+        # The last observation: a partial reset returns it for the other worlds.
         self._ranges = torch.zeros(n, self.simulator.lidar.num_beams, device=device)
         self._outcome = torch.full((n,), Outcome.RUNNING, dtype=torch.int64, device=device)
         self._terms = {name: torch.zeros(n, 1, device=device) for name in self.rewards}
@@ -176,7 +176,7 @@ class NavigationEnv(EnvBase):
             self._generator.manual_seed(seed)
 
     def episode_state(self) -> dict[str, Tensor | dict[str, Tensor]]:
-        """Return all that a resumed environment needs to go on bit for bit."""
+        """Return the state from which an environment continues bit for bit."""
         return {
             "simulator": self.simulator.state_dict(),
             "generator": self._generator.get_state(),
@@ -189,7 +189,7 @@ class NavigationEnv(EnvBase):
         self.simulator.load_state_dict(state["simulator"])
         self._generator.set_state(state["generator"])
         for name in _STATE:
-            if name in state:  # older states lack what was observed last
+            if name in state:  # older states lack the last observation
                 setattr(self, name, state[name].to(self.device).clone())
         for name, value in state.get("reward_terms", {}).items():
             self._terms[name] = value.to(self.device).clone()
@@ -215,7 +215,7 @@ class NavigationEnv(EnvBase):
         batch = self._draw(worlds)
         self.simulator.reset(worlds, batch)
         state = self.simulator.state()
-        # New tensors instead of writes: what an earlier step returned must never change.
+        # New tensors instead of in-place writes: earlier results must not change.
         path = batch.path.float()
         self._path = self._path.index_put((worlds,), path)
         self._path_length = self._path_length.index_put((worlds,), path_length(path))
@@ -225,7 +225,7 @@ class NavigationEnv(EnvBase):
         self._position = state.pose[:, :2]
         progress, _ = project_onto_path(path, self._position[worlds])
         self._progress = self._progress.index_put((worlds,), progress)
-        # The other worlds keep what was observed last, as statistics of whole batches need it.
+        # The other worlds repeat their last observation, which statistics of whole batches need.
         noisy = self._noisy_ranges(self.simulator.ranges(worlds), worlds)
         ranges = self._ranges.index_copy(0, worlds, noisy)
         outcome = self._outcome.index_fill(0, worlds, Outcome.RUNNING)

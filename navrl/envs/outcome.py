@@ -1,4 +1,4 @@
-"""How an episode can end: the one definition that training, evaluation and pictures share."""
+"""Outcomes of an episode, shared by training, evaluation and pictures."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from navrl.sim import Contact
 
 
 class Outcome(IntEnum):
-    """What a step led to; everything but ``RUNNING`` ends the episode.
+    """Outcome of a step; all except ``RUNNING`` end the episode.
 
-    - ``SUCCESS``: the robot's centre is within the goal radius at the end of a step, and no contact
-      happened in that step.
-    - ``COLLISION_PEDESTRIAN``: any contact with a pedestrian, whoever moved into whom
-      (``contact`` tells).
+    - ``SUCCESS``: the robot's center is within the goal radius at the end of a step without
+      contact.
+    - ``COLLISION_PEDESTRIAN``: any contact with a pedestrian, regardless of the at-fault party
+      (``contact`` reports it).
     - ``COLLISION_STATIC``: contact with a wall or furniture.
     - ``TIMEOUT``: the step limit is reached without any of the above.
 
@@ -34,16 +34,17 @@ class Outcome(IntEnum):
 def classify(
     contact: Tensor, goal_distance: Tensor, goal_radius: float, timed_out: Tensor
 ) -> Tensor:
-    """Decide the outcome of a step.
+    """Classify the outcome of a step.
 
     Args:
         contact: ``[N]`` codes of :class:`navrl.sim.Contact`.
-        goal_distance: ``[N]`` m, robot centre to goal.
+        goal_distance: ``[N]`` m, robot center to goal.
         goal_radius: m.
         timed_out: ``[N]`` bool, the step limit is reached.
 
     Returns:
-        ``[N]`` int64 codes of :class:`Outcome`; a contact outranks the goal, the goal the limit.
+        ``[N]`` int64 codes of :class:`Outcome`; a contact takes precedence over the goal, the goal
+        over the step limit.
     """
     outcome = torch.full_like(contact, Outcome.RUNNING, dtype=torch.int64)
     outcome[timed_out] = Outcome.TIMEOUT

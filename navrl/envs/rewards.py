@@ -1,4 +1,4 @@
-"""Reward terms: one small class each, its weight included, summed and logged one by one."""
+"""Reward terms, weights included; the reward is their sum and each is logged by name."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from navrl.ops.path import point_at
 
 @dataclass(frozen=True)
 class Transition:
-    """What the reward terms see of one step of N worlds.
+    """Inputs of the reward terms for one step of N worlds.
 
     Args:
-        position: ``[N, 2]`` m, robot centre after the step, world.
+        position: ``[N, 2]`` m, robot center after the step, world.
         path: ``[N, P, 2]`` m, global path, world.
         path_length: ``[N]`` m.
         progress_before: ``[N]`` m, arc length of the robot's projection on the path at s_t.
@@ -44,7 +44,7 @@ def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True)
 class Collision:
-    """-weight, once, at any contact.
+    """Reward of -weight for a step with a contact, which ends the episode.
 
     Reference:
         Paper Sec. IV-D, r_collision with alpha_1 = 10.
@@ -58,17 +58,18 @@ class Collision:
 
 @dataclass(frozen=True)
 class Guidance:
-    """-weight times the distance to a point ahead on the path.
+    """Reward of -weight times the distance to a point ahead on the path.
 
     Args:
         weight: per m.
         lookahead: m along the path from the robot's projection to the guidance point.
-        point: ``"before_move"`` takes the point at s_t, so driving towards it pays;
-            ``"after_move"`` takes it at s_{t+1}, where driving and standing still cost the same.
+        point: ``"before_move"`` uses the point at s_t, so driving towards it increases the reward;
+            ``"after_move"`` uses the point at s_{t+1}, where driving and standing still give the
+            same.
 
     Reference:
-        Paper Sec. IV-D, r_guide with alpha_2 = 0.2 and 0.6 m. The paper does not say at which of
-        the two states the point is taken.
+        Paper Sec. IV-D, r_guide with alpha_2 = 0.2 and 0.6 m. The paper does not specify the state
+        at which the point is taken.
     """
 
     weight: float = 0.2
@@ -86,17 +87,17 @@ class Guidance:
 
 @dataclass(frozen=True)
 class Proximity:
-    """-weight times how far the nearest obstacle is inside ``distance``.
+    """Reward of -weight times the depth of the nearest obstacle inside ``distance``.
 
     Args:
         weight: per m.
         distance: m, d_prox.
         measured_from: ``"lidar"`` (the robot's center, above which the paper's lidar is) or
-            ``"hull"`` (the robot's radius taken off).
+            ``"hull"`` (minus the robot's radius).
 
     Reference:
         Paper Sec. IV-D, r_prox with alpha_3 = 3 and d_prox = 0.5 m. "Between robot and obstacle"
-        is read as from the lidar's centre, after the authors' precursor.
+        is interpreted as from the lidar's center, after the authors' precursor.
     """
 
     weight: float = 3.0
@@ -113,7 +114,7 @@ class Proximity:
 
 @dataclass(frozen=True)
 class Goal:
-    """+weight, once, at the goal. Not in the paper."""
+    """Reward of +weight at the goal, which ends the episode. Not in the paper."""
 
     weight: float = 10.0
 
@@ -123,18 +124,19 @@ class Goal:
 
 @dataclass(frozen=True)
 class Progress:
-    """Weight times the metres gained along the path. Not in the paper.
+    """Reward for progress along the path, weight per meter. Not in the paper.
 
     With the potential Phi = -(remaining path length), the two forms are
 
     - ``"difference"``: Phi(s') - Phi(s);
     - ``"potential"``: gamma Phi(s') - Phi(s) with Phi = 0 at terminal states, which leaves the
-      optimal policy of the other terms unchanged but pays an early collision the remaining length.
+      optimal policy of the other terms unchanged but adds the remaining length at an early
+      collision.
 
     Args:
         weight: per m.
-        form: see above.
-        gamma: discount of the learner, only for ``"potential"``.
+        form: One of the two forms above.
+        gamma: Discount factor of the learner, only for ``"potential"``.
 
     Reference:
         Ng, Harada and Russell, "Policy invariance under reward transformations", ICML 1999.

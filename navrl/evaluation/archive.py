@@ -1,4 +1,4 @@
-"""Every episode of an evaluation, or every one that was lost, kept as a recording."""
+"""Archive of an evaluation's recordings: all episodes or the failed ones."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from navrl.worlds import Scenario
 
 KEPT = ("none", "failures", "all")
 RECORDINGS = "recordings"
-"""Folder within that of an evaluation."""
+"""Subfolder of an evaluation."""
 
 
 def missing_recordings(folder: Path, keep: str) -> bool:
-    """Return whether recordings that ``keep`` asks for are missing from an evaluation's folder.
+    """Return whether recordings required by ``keep`` are missing in an evaluation's folder.
 
     Args:
-        folder: Of the evaluation, with its ``episodes.csv``.
+        folder: Folder of the evaluation, with ``episodes.csv``.
         keep: One of :data:`KEPT`.
     """
     if keep == "none":
@@ -45,15 +45,16 @@ def _file(folder: Path, index: int) -> Path:
 
 
 class EpisodeArchive:
-    """Save the episodes of all worlds, as the ``recorder`` of :func:`navrl.evaluation.evaluate`.
+    """Recorder of all worlds, the ``recorder`` of :func:`navrl.evaluation.evaluate`.
 
-    It only reads, so results are the same with and without it.
+    It does not affect the results.
 
     Args:
-        env: Environment that is played, with ``privileged=True``.
-        scenarios: All that is played, by index.
-        folder: Where ``<index>.npz`` go, read by :meth:`navrl.evaluation.recording.Recording.load`.
-        keep: ``failures``, all but successes; or ``all``.
+        env: Environment of the evaluation, with ``privileged=True``.
+        scenarios: All played scenarios, by index.
+        folder: Folder of the files ``<index>.npz``, see
+            :class:`navrl.evaluation.recording.Recording`.
+        keep: ``failures`` (all except successes) or ``all``.
 
     Raises:
         ValueError: If ``keep`` is neither.
@@ -73,7 +74,7 @@ class EpisodeArchive:
         self.begin(range(0))
 
     def begin(self, chunk: range) -> None:
-        """Forget what was collected before."""
+        """Discard the steps collected before."""
         self._observed: list[dict[str, np.ndarray]] = []
         self._decided: list[dict[str, np.ndarray]] = []
         self._terms: list[dict[str, np.ndarray]] = []
@@ -85,7 +86,7 @@ class EpisodeArchive:
         if not self._observed:
             self._observed.append(_copies(stepped, OBSERVED))
         self._observed.append(_copies(after, OBSERVED))
-        # The environment's own action: what its transforms make of the policy's.
+        # The environment's action, after its transforms of the policy's action.
         command = self._env.transform.inv(stepped.exclude("next"))
         attention = [name for name in DECIDED if name != keys.ACTION]
         decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
@@ -95,7 +96,7 @@ class EpisodeArchive:
         self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
 
     def end(self, chunk: range, records: list[EpisodeRecord]) -> None:
-        """Write the episodes that are wanted."""
+        """Write the selected episodes."""
         self._folder.mkdir(parents=True, exist_ok=True)
         for row, record in enumerate(records):
             if _is_kept(record.outcome, self._keep):
@@ -111,7 +112,7 @@ class EpisodeArchive:
             record.outcome,
             base,
             reward_terms=terms,
-            contact=self._contact[steps - 1][row].item(),  # later rows may tell of other things
+            contact=self._contact[steps - 1][row].item(),  # later rows belong to other contacts
             **_series(self._observed[: steps + 1], row),
             **_series(self._decided[:steps], row),
         )

@@ -1,4 +1,4 @@
-"""Evaluations side by side: one table for each suite and simulator, read from their files."""
+"""Comparison of evaluations: one table for each suite and simulator, read from files."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ _RATES = ("success", "collision", "timeout")
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One policy in one table.
+    """Row of a comparison table: one policy.
 
     Args:
-        policy: Name, with what was changed about it.
-        episodes: Number played.
-        errors: Episodes that raised; they count as no success.
+        policy: Name, with the changes made to it.
+        episodes: Number of episodes.
+        errors: Episodes that raised an exception; they count as failures.
         rates: ``success``, ``collision`` and ``timeout``, in [0, 1]; and the kinds of collisions,
-            :data:`navrl.evaluation.pairing.COLLISIONS`, unless the evaluation is older than they.
+            :data:`navrl.evaluation.pairing.COLLISIONS`, unless the evaluation is older.
         intervals: 95 % Wilson interval of each rate.
-        time_s: Mean s of the successes; ``None`` without any.
-        common_time: s to the goal, mean over the episodes that all policies of the table win.
-        difference: Success rate less the reference's, on the same episodes; ``None`` of the
-            reference itself and where there is none.
-        difference_interval: 95 % interval of it, NaN where it is not known; ``None`` likewise.
-        p_value: Of that difference, exact McNemar test; ``None`` likewise and from fewer than 6
-            episodes.
-        p_holm: The same, corrected by Holm for the number of such tests in the table.
+        time_s: Mean time of the successes, s; ``None`` without any.
+        common_time: Mean time to the goal over the episodes in which all policies succeed, s.
+        difference: Success rate minus the reference's, on the same episodes; ``None`` for the
+            reference itself and without a reference.
+        difference_interval: 95 % interval of the difference, NaN if unknown; ``None`` likewise.
+        p_value: p-value of the difference, exact McNemar test; ``None`` likewise and for fewer than
+            6 episodes.
+        p_holm: The same with Holm's correction for the number of tests in the table.
         metrics: Every other metric, with intervals and paired differences.
-        published: The paper's own figures: rates in [0, 1] and ``time`` in s; empty without any,
-            and of episodes that are not the frozen ones.
-        cheats: Whether the true state is read.
-        folder: Where the row comes from.
+        published: The paper's figures: rates in [0, 1] and ``time`` in s; empty if there are none,
+            or if the episodes are not frozen.
+        cheats: Whether the policy is privileged (reads the true state).
+        folder: Folder of the evaluation.
     """
 
     policy: str
@@ -73,14 +73,15 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class Lead:
-    """How far the best policy is ahead of the next, neither of which reads the true state.
+    """Comparison of the best policy with the second best, both not privileged.
 
     Args:
-        best: Its label.
-        second: Label of the best of another approach: seeds of one are no rivals.
-        difference: Success rate of the former less that of the latter, on the same episodes.
-        difference_interval: 95 % interval of it, NaN where it is not known.
-        p_value: Of that difference, exact McNemar test; ``None`` from fewer than 6 episodes.
+        best: Label of the best policy.
+        second: Label of the best policy of another approach; seeds of one approach are not
+            compared.
+        difference: Success rate of the best minus that of the second, on the same episodes.
+        difference_interval: 95 % interval of the difference, NaN if unknown.
+        p_value: p-value of the difference, exact McNemar test; ``None`` for fewer than 6 episodes.
     """
 
     best: str
@@ -91,24 +92,24 @@ class Lead:
 
     @property
     def is_tie(self) -> bool:
-        """Whether the two succeed equally often."""
+        """Return whether the two succeed equally often."""
         return self.difference == 0
 
 
 @dataclass(frozen=True)
 class ComparisonTable:
-    """Policies on the same episodes of the same simulator, the most successful first.
+    """Table of policies on the same episodes and simulator, the most successful first.
 
     Args:
-        suite: Name.
-        suite_hash: Of its episodes.
-        simulator: Name.
-        is_frozen: Whether the episodes are those that are frozen under the suite's name.
-        reference: What others are compared with; ``None`` if it is not among them.
-        rows: One a policy.
-        finished_by_all: Number of episodes that all of them win.
-        seeds: Approaches that were trained with several seeds.
-        lead: Of the best over the next; ``None`` without two to compare.
+        suite: Name of the suite.
+        suite_hash: Hash of its episodes.
+        simulator: Name of the simulator.
+        is_frozen: Whether the episodes are the frozen ones of the suite's name.
+        reference: Label of the policy that the others are compared with; ``None`` if it is missing.
+        rows: One row per policy.
+        finished_by_all: Number of episodes in which all policies succeed.
+        seeds: Approaches trained with several seeds.
+        lead: Comparison of the best with the second best; ``None`` if there are not two.
     """
 
     suite: str
@@ -123,29 +124,29 @@ class ComparisonTable:
 
     @property
     def title(self) -> str:
-        """The suite and what is to be known of it."""
+        """Name of the suite, marked if it is not frozen."""
         return self.suite if self.is_frozen else f"{self.suite} (not frozen)"
 
 
 def compare(
     evaluations: Sequence[Evaluation], reference: str | None = None
 ) -> list[ComparisonTable]:
-    """Put evaluations into tables of the same episodes and the same simulator.
+    """Group evaluations into tables of the same episodes and simulator.
 
     Args:
         evaluations: At least one.
-        reference: The policy that the others are compared with, in tables that have it; ``None`` is
-            what :func:`navrl.evaluation.reference.default_reference` says of each table. A run
-            ``NAME_seed_K`` is compared with ``<reference>_seed_K`` where there is one.
+        reference: Policy that the others are compared with, in tables that have it; ``None`` uses
+            :func:`navrl.evaluation.reference.default_reference` for each table. A run
+            ``NAME_seed_K`` is compared with ``<reference>_seed_K`` if it exists.
 
     Returns:
-        A table for each suite, hash of episodes and simulator, in the order they first appear.
+        A table for each suite, hash of episodes and simulator, in order of appearance.
 
     Raises:
         ValueError: If there is no evaluation, or no table has the reference.
     """
     if not evaluations:
-        raise ValueError("evaluations: need at least one, got none")
+        raise ValueError("evaluations=[]: must have at least one")
     groups: dict[tuple[str, str, str], list[Evaluation]] = {}
     for evaluation in evaluations:
         groups.setdefault(evaluation.setting, []).append(evaluation)
@@ -159,14 +160,14 @@ def compare(
 
 
 def compare_folders(folders: Sequence[str | Path], reference: str | None = None) -> ComparisonTable:
-    """Put all evaluations in some folders side by side, on whichever simulator they were played.
+    """Compare all evaluations in some folders in one table, across simulators.
 
     Args:
-        folders: Searched with all below them.
-        reference: Label of what the others are compared with; the first evaluation if ``None``.
+        folders: Folders, searched recursively.
+        reference: Label of the policy that the others are compared with; the first if ``None``.
 
     Raises:
-        ValueError: If they did not play the same episodes, or there is no such reference.
+        ValueError: If they did not play the same episodes, or the reference does not exist.
     """
     evaluations = find_evaluations(folders)
     check_same_episodes(evaluations)
@@ -194,7 +195,7 @@ def published_figures() -> dict[str, dict[str, dict[str, float]]]:
 def _table(
     setting: tuple[str, str, str], by_label: Mapping[str, Evaluation], reference: str | None
 ) -> ComparisonTable:
-    # The same hash as that of one that was checked: the same episodes.
+    # An equal hash means the same episodes.
     is_frozen = any(evaluation.is_frozen for evaluation in by_label.values())
     published = published_figures().get(setting[0], {}) if is_frozen else {}
     finished = finished_by_all(list(by_label.values()))
@@ -251,7 +252,7 @@ def _row(
         difference=difference,
         difference_interval=interval,
         p_value=p_value,
-        p_holm=None,  # of the whole table
+        p_holm=None,  # computed for the whole table
         metrics=metrics,
         published=published.get(split_seed(label)[0], {}),
         cheats=is_privileged(evaluation),
@@ -262,7 +263,7 @@ def _row(
 def _labelled(
     evaluations: Sequence[Evaluation], with_simulator: bool = False
 ) -> dict[str, Evaluation]:
-    """Name evaluations so that no two share a name: by their folders where they would."""
+    """Return unique labels of evaluations, with their folders where names coincide."""
     labels = [f"{e.label}, {e.setting[2]}" if with_simulator else e.label for e in evaluations]
     for place in (lambda e: e.folder.parent.name, lambda e: str(e.folder)):
         labels = [
@@ -273,7 +274,7 @@ def _labelled(
 
 
 def _lead(rows: Sequence[ComparisonRow], by_label: Mapping[str, Evaluation]) -> Lead | None:
-    """Compare the first of sorted rows that does not cheat with the next of another approach."""
+    """Compare the first non-privileged one of sorted rows with the next of another approach."""
     fair = [row.policy for row in rows if not row.cheats]
     others = [name for name in fair if split_seed(name)[0] != split_seed(fair[0])[0]]
     if not others:

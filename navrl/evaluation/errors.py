@@ -1,4 +1,4 @@
-"""Episodes that raised, with all it takes to raise them again."""
+"""Files of failed episodes, with the information to reproduce them."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from navrl.files import write_json
 from navrl.worlds import Scenario
 
 ERRORS = "errors"
-"""Folder within that of an evaluation."""
+"""Subfolder of an evaluation."""
 
 
 def write_errors(
     folder: Path, records: Sequence[EpisodeRecord], scenarios: Sequence[Scenario]
 ) -> list[Path]:
-    """Write ``errors/<index>.json`` for each episode that raised.
+    """Write ``errors/<index>.json`` for each episode that raised an exception.
 
     Args:
-        folder: Of the evaluation.
-        records: Every episode.
-        scenarios: What was played, by the records' indices.
+        folder: Folder of the evaluation.
+        records: Records of all episodes.
+        scenarios: Played scenarios, by the records' indices.
 
     Returns:
-        The files: suite, seed and index, which determine the episode, the traceback, and the
-        scenario itself for :meth:`navrl.worlds.Scenario.from_dict`.
+        The files. Each has suite, seed and index, which determine the episode, the traceback, and
+        the scenario for :meth:`navrl.worlds.Scenario.from_dict`.
     """
     files = []
     for record in records:

@@ -1,4 +1,4 @@
-"""Metrics of runs beside those of a reference, on episodes that can be compared."""
+"""Paired comparison of the metrics of a run with those of a reference."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from navrl.evaluation.statistics import (
 from navrl.evaluation.stored import Evaluation, check_same_episodes
 
 COLLISIONS = tuple(m.name for m in METRICS if m.is_ending and m.compared)
-"""What was touched, and who moved into whom: rates that sum to that of collisions."""
+"""Kinds of collisions by object and at-fault party; their rates sum to the collision rate."""
 
 _LATENCIES = ("median_ms", "p95_ms")
 COMPARABLE = (
@@ -31,22 +31,22 @@ COMPARABLE = (
 
 @dataclass(frozen=True)
 class MetricComparison:
-    """One metric of one run.
+    """Comparison of one metric of one run.
 
     Args:
-        name: Column of ``episodes.csv``; ``latency_median_ms`` and ``latency_p95_ms`` are those of
-            ``latency.json``, as ``own`` without interval, and ``n`` is of decisions.
-        unit: SI.
-        better: ``higher`` or ``lower``; empty where neither is.
-        over: ``successes`` of what grows with an episode's length, ``decisions`` of latencies,
-            ``episodes`` of the rest.
-        own: Mean over the run's own successes or episodes, with its bootstrap interval; of
-            rates with its Wilson interval.
-        common: The same over the episodes that all compared runs finish; of all runs the same ones.
-            Nothing of collisions, which those have none of.
-        difference: Mean of the run less the reference over the episodes where both have a value
-            (and both succeed, of what is ``over`` successes), with a sign-flip test; ``None`` of
-            the reference.
+        name: Column of ``episodes.csv``; ``latency_median_ms`` and ``latency_p95_ms`` are from
+            ``latency.json``, as ``own`` without interval, and ``n`` is the number of decisions.
+        unit: SI unit.
+        better: ``higher`` or ``lower``; empty if neither.
+        over: ``successes`` for metrics that grow with an episode's length, ``decisions`` for
+            latencies, ``episodes`` for the others.
+        own: Mean over the run's own successes or episodes, with bootstrap interval; for rates with
+            Wilson interval.
+        common: The same over the episodes in which all compared runs succeed. Empty for collisions,
+            which do not occur there.
+        difference: Mean of the run minus the reference over the episodes where both have a value
+            (and both succeed, if ``over`` is successes), with a sign-flip test; ``None`` for the
+            reference.
     """
 
     name: str
@@ -59,9 +59,9 @@ class MetricComparison:
 
 
 def finished_by_all(evaluations: Sequence[Evaluation]) -> set[int]:
-    """Return the episodes that every one of some runs wins.
+    """Return the episodes in which all runs succeed.
 
-    A run that wins none is left out: it has no times, and beside it the others would have none.
+    A run without any success is excluded, since otherwise no episodes would remain.
 
     Raises:
         ValueError: If they did not play the same episodes.
@@ -78,7 +78,7 @@ def compare_metrics(
 
     Args:
         evaluation: The run.
-        reference: What it is compared with, on the same episodes; ``None`` of the reference itself.
+        reference: Reference run on the same episodes; ``None`` for the reference itself.
         finished: See :func:`finished_by_all`.
 
     Raises:
@@ -94,9 +94,9 @@ def compare_metrics(
 def success_difference(
     evaluation: Evaluation, reference: Evaluation
 ) -> tuple[PairedDifference, float | None]:
-    """Return the difference in success rate over the same episodes, and its exact McNemar p-value.
+    """Return the paired difference in success rate and its exact McNemar p-value.
 
-    The p-value is ``None`` from fewer than :data:`navrl.evaluation.statistics.MIN_PAIRS` episodes.
+    The p-value is ``None`` for fewer than :data:`navrl.evaluation.statistics.MIN_PAIRS` episodes.
 
     Raises:
         ValueError: If the two did not play the same episodes.
@@ -109,7 +109,7 @@ def success_difference(
 
 
 def _rate(flags: Sequence[float]) -> Estimate:
-    """Return the share of ones among zeros and ones, with its Wilson interval."""
+    """Return the share of ones, with its Wilson interval."""
     count, total = round(sum(flags)), len(flags)
     return Estimate(count / total if total else math.nan, *wilson_interval(count, total), total)
 
@@ -153,7 +153,7 @@ def _compare(
 
 def _values(metric: Metric, evaluation: Evaluation) -> Mapping[int, float]:
     values = evaluation.finite(metric.name)
-    if metric.of_error is not None and values:  # older files have empty cells after an error
+    if metric.of_error is not None and values:  # older files have empty cells for failed episodes
         raised = [i for i, row in evaluation.episodes.items() if row["outcome"] == ERROR]
         values = values | dict.fromkeys(raised, metric.of_error)
     if metric.over == "successes":

@@ -1,4 +1,4 @@
-"""One episode, step by step, as arrays in one file: replayed without the simulator."""
+"""Recordings of episodes as arrays in one file, replayed without a simulator."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from navrl.worlds import Scenario, ScenarioBatch
 _FORMAT = "navrl-recording-1"
 _REMEDY = "delete it or record the episode again"
 _TERM = f"{keys.REWARD_TERMS}/"
-OBSERVED = {  # feature shape after time; None is any size
+OBSERVED = {  # shape without the time axis; None is any size
     keys.POSE: (3,),
     keys.PEDESTRIAN_BOXES: (None, 5),
     keys.RANGES: (None,),
@@ -43,14 +43,14 @@ DECIDED = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """What was observed and decided in an episode of T steps.
+    """Observations, decisions and rewards of an episode of T steps.
 
     Observations have T + 1 rows, row t before step t and the last one after the end; decisions and
-    rewards have T. What a pipeline or a policy does not make (an ablation without TAGDs, a
-    controller without attention) is ``None``. Names and frames are those of :mod:`navrl.keys`.
+    rewards have T. Arrays that a pipeline or policy does not produce (an ablation without TAGDs, a
+    controller without attention) are ``None``. Names and frames are those of :mod:`navrl.keys`.
 
     Args:
-        scenario: The episode's :class:`navrl.worlds.Scenario` as JSON; it can be played again.
+        scenario: The episode's :class:`navrl.worlds.Scenario` as JSON, which can be played again.
         outcome: ``success``, ``collision_pedestrian``, ``collision_static`` or ``timeout``.
         time_step_s: s.
         robot_radius: m.
@@ -60,26 +60,26 @@ class Recording:
         path: ``[P, 2]`` m, world.
         goal: ``[2]`` m, world.
         pose: ``[T + 1, 3]`` (x, y, yaw), world.
-        pedestrian_boxes: ``[T + 1, K, 5]`` m and rad, world; NaN where nobody is.
+        pedestrian_boxes: ``[T + 1, K, 5]`` m and rad, world; NaN for absent ones.
         ranges: ``[T + 1, beams]`` m, the noisy scan, beam 0 along the lidar's x axis.
         points: ``[T + 1, N, 2]`` m, the pooled scan, robot frame.
-        points_aligned: ``[T + 1, N, 2]`` m, the scan before, robot frame now.
+        points_aligned: ``[T + 1, N, 2]`` m, the previous scan in the current robot frame.
         tagd: ``[T + 1, N_c, 4]`` m, (c_{t-1}, c_t), robot frame.
-        tagd_valid: ``[T + 1, N_c, 2]`` bool, which halves are real.
+        tagd_valid: ``[T + 1, N_c, 2]`` bool, which centroids are valid.
         waypoints: ``[T + 1, N_f, 2]`` m, robot frame.
         action: ``[T, C]`` physical command, e.g. (v, w) in m/s and rad/s.
         spatial_attention: ``[T, N_b]``, sums to 1.
         temporal_attention: ``[T, N_c]``, sums to 1.
         reward_terms: ``[T]`` weighted contribution of each term, by name.
-        lidar_mount: ``[3]`` (x, y, yaw) of the lidar in the robot frame, m and rad; ``None``, in
-            files from before it was stored, for the robot's center.
+        lidar_mount: ``[3]`` (x, y, yaw) of the lidar in the robot frame, m and rad; ``None`` (older
+            files) for the robot's center.
         lidar_angles: ``[2]`` angle of beam 0 and from beam to beam, rad, in the lidar's frame;
-            ``None``, in files from before it was stored, for a full circle from beam 0 ahead.
-        contact: Code of :class:`navrl.sim.Contact` at the end: who moved into whom; ``None`` in
-            files from before it was kept.
+            ``None`` (older files) for a full circle from beam 0 ahead.
+        contact: Code of :class:`navrl.sim.Contact` at the end, with the at-fault party; ``None`` in
+            older files.
 
     Raises:
-        ValueError: If a shape does not fit, naming the array.
+        ValueError: If a shape does not fit; the message names the array.
     """
 
     scenario: str
@@ -124,13 +124,13 @@ class Recording:
     def of_episode(
         cls, scenario: Scenario, outcome: str, env: NavigationEnv, **series: object
     ) -> Recording:
-        """Join what is known of an episode's world, of ``env``'s robot and lidar, and the series.
+        """Build from a scenario, ``env``'s robot and lidar, and time series.
 
         Args:
-            scenario: What was played.
-            outcome: How it ended.
-            env: Where.
-            series: The arrays over time, by their names here.
+            scenario: Played scenario.
+            outcome: Outcome of the episode.
+            env: Environment of the episode.
+            series: Arrays over time, by field name.
         """
         return cls(
             scenario=scenario.to_json(),
@@ -149,11 +149,11 @@ class Recording:
 
     @property
     def num_steps(self) -> int:
-        """T."""
+        """Number of steps T."""
         return len(self.action)
 
     def beam_ends(self) -> np.ndarray:
-        """Return where each beam of the raw scans ends, ``[T + 1, beams, 2]`` m, robot frame."""
+        """Return the end points of the raw scans' beams, ``[T + 1, beams, 2]`` m, robot frame."""
         x, y, yaw = (0.0, 0.0, 0.0) if self.lidar_mount is None else self.lidar_mount
         beams = np.arange(self.ranges.shape[1])
         if self.lidar_angles is None:
@@ -164,13 +164,13 @@ class Recording:
         return ends + np.array([x, y])
 
     def scan_points(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points of the pooled scans, or of the raw ones where there is no pooling.
+        """Return the points of the pooled scans, or of the raw ones without pooling.
 
         Returns:
             Points ``[T + 1, N, 2]`` m in the robot frame, those without return at ``max_range``,
-            and which of them are returns ``[T + 1, N]`` bool.
+            and a mask of returns ``[T + 1, N]`` bool.
         """
-        limit = self.max_range - 1e-3  # m; at the maximum range nothing was hit
+        limit = self.max_range - 1e-3  # m; no return at the maximum range
         points = self.beam_ends() if self.points is None else self.points
         distance = np.linalg.norm(points, axis=-1)
         returned = distance < limit
@@ -184,9 +184,9 @@ class Recording:
         """Write one compressed ``.npz`` that numpy alone can read.
 
         Args:
-            file: Where to.
+            file: Destination.
             compact: Whether scans, points and attention are rounded, for half the size
-                (:mod:`navrl.evaluation.rounding`); all else stays exact.
+                (:mod:`navrl.evaluation.rounding`); all other arrays are exact.
 
         Raises:
             ValueError: If the name does not end in ``.npz``.
@@ -201,29 +201,29 @@ class Recording:
 
     @classmethod
     def load(cls, file: str | Path) -> Recording:
-        """Read what :meth:`save` wrote; nothing in the file is executed.
+        """Read a file written by :meth:`save`; the file cannot execute code.
 
         Raises:
-            FileNotFoundError: If there is no such file.
-            DamagedFileError: If it is damaged, no recording, or holds values out of range.
+            FileNotFoundError: If the file does not exist.
+            DamagedFileError: If it is damaged, not a recording, or has values out of range.
         """
         arrays = read_arrays(file, _REMEDY)
         try:
             return cls._of_arrays(arrays)
         except (TypeError, ValueError) as error:
-            raise DamagedFileError(file, f"no recording of navrl ({error})", _REMEDY) from error
+            raise DamagedFileError(file, f"not a recording of navrl ({error})", _REMEDY) from error
 
     @classmethod
     def _of_arrays(cls, arrays: dict[str, np.ndarray]) -> Recording:
-        """Rebuild from what a file holds.
+        """Build from the arrays of a file.
 
         Raises:
-            TypeError: If an array cannot be calculated with.
-            ValueError: If something is missing, unknown or out of range.
+            TypeError: If an array is not numeric.
+            ValueError: If a field is missing, unknown or out of range.
         """
         stored = restored(arrays)
         if str(stored.pop("format", "")) != _FORMAT:
-            raise ValueError(f"need format {_FORMAT!r}")
+            raise ValueError(f"format must be {_FORMAT!r}")
         terms = {
             name.removeprefix(_TERM): stored.pop(name)
             for name in list(stored)
@@ -241,14 +241,14 @@ class Recording:
 
 
 class EpisodeRecorder:
-    """Collect one world's steps; give it to :func:`navrl.evaluation.evaluate` as ``on_step``.
+    """Recorder of one world, the ``on_step`` of :func:`navrl.evaluation.evaluate`.
 
-    It only reads, so an episode goes the same with and without it.
+    It does not affect the episode.
 
     Args:
-        env: Environment that is played, with ``privileged=True``.
-        scenario: What its world plays.
-        row: Which of its worlds.
+        env: Environment of the evaluation, with ``privileged=True``.
+        scenario: Scenario of the world.
+        row: Index of the world.
     """
 
     def __init__(self, env: TransformedEnv, scenario: Scenario, row: int = 0) -> None:
@@ -257,7 +257,7 @@ class EpisodeRecorder:
         self._outcome, self._contact = Outcome.RUNNING, 0
 
     def __call__(self, stepped: TensorDictBase) -> None:
-        """Add a batch of transitions; what comes after the world's end is passed over."""
+        """Add a batch of transitions; steps after the world's end are ignored."""
         if self._outcome != Outcome.RUNNING:
             return
         before, after = stepped[self._row], stepped["next"][self._row]
@@ -273,7 +273,7 @@ class EpisodeRecorder:
         self._outcome = Outcome(int(after[keys.OUTCOME]))
 
     def recording(self) -> Recording:
-        """Return the episode.
+        """Return the recording of the episode.
 
         Raises:
             ValueError: If it has not ended.
@@ -300,18 +300,18 @@ def record_episode(
     policy: Callable[[TensorDictBase], TensorDictBase],
     scenario: Scenario,
 ) -> Recording:
-    """Play one scenario and keep all of it.
+    """Play one scenario and record it.
 
     Args:
         env: Environment with ``privileged=True`` and any number of worlds; the first is recorded.
-        policy: Writes a normalised action; its attention is kept if it writes that too.
-        scenario: What to play.
+        policy: Writes a normalized action; attention weights are recorded if it writes them.
+        scenario: Scenario to play.
 
     Returns:
-        The episode, the same one that :func:`navrl.evaluation.evaluate` judges.
+        The recording of the episode, which equals that of :func:`navrl.evaluation.evaluate`.
 
     Raises:
-        RuntimeError: If the episode raised; the traceback is in the message.
+        RuntimeError: If the episode raised an exception; the message has the traceback.
     """
     recorder = EpisodeRecorder(env, scenario)
     (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]), on_step=recorder)

@@ -1,4 +1,4 @@
-"""What a recorded episode may hold, for files that others wrote."""
+"""Checks of recordings from untrusted files."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from navrl.untrusted import is_number
 from navrl.worlds import Scenario
 
 _POSITIVE = ("time_step_s", "robot_radius", "goal_radius", "max_range")
-_WITH_GAPS = (keys.PEDESTRIAN_BOXES, keys.RANGES)  # no pedestrian there, no return
+_WITH_GAPS = (keys.PEDESTRIAN_BOXES, keys.RANGES)  # NaN: absent pedestrian, no return
 
 
 def check_plain(values: Mapping[str, object]) -> None:
-    """Hold the texts and numbers of a file to what an episode can have.
+    """Check the texts and numbers of a recording.
 
     Raises:
-        ValueError: At the first that is not, naming it.
+        ValueError: If a value is not allowed; the message names the first one.
     """
     known = (*OUTCOMES, ERROR)
     if values["outcome"] not in known:
@@ -39,10 +39,10 @@ def check_plain(values: Mapping[str, object]) -> None:
 
 
 def check_finite(values: Mapping[str, object]) -> None:
-    """Hold the arrays of a file to numbers, which are finite but where an absence is NaN.
+    """Check that the arrays of a recording are finite, except NaN for absent values.
 
     Raises:
-        ValueError: At the first that is not, naming it.
+        ValueError: If a value is not allowed; the message names the first one.
     """
     for name, array in values.items():
         if not isinstance(array, np.ndarray):
@@ -54,14 +54,14 @@ def check_finite(values: Mapping[str, object]) -> None:
 
 
 def check_shape(name: str, array: np.ndarray, expected: tuple[int | None, ...]) -> None:
-    """Hold an array to a shape; ``None`` is any size.
+    """Check the shape of an array; ``None`` is any size.
 
     Raises:
-        ValueError: If it has another, naming the array.
+        ValueError: If the shape differs; the message names the array.
     """
     got = np.shape(array)
     fits = len(got) == len(expected) and all(
         want is None or want == have for want, have in zip(expected, got, strict=True)
     )
     if not fits:
-        raise ValueError(f"{name}: need shape {list(expected)}, got {list(got)}")
+        raise ValueError(f"{name}.shape={list(got)}: must be {list(expected)}")

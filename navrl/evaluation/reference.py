@@ -1,4 +1,4 @@
-"""What policies are compared with."""
+"""Reference policy of comparisons."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ def _privileged_names() -> frozenset[str]:
 
 
 def default_reference(by_label: Mapping[str, Evaluation]) -> str | None:
-    """Return what the runs of a table are compared with if nobody says.
+    """Return the default reference of a table.
 
     Args:
-        by_label: The runs.
+        by_label: Evaluations by label.
 
     Returns:
-        ``paper`` if it is there, under whichever seed; else the approach that succeeds most, on
-        average over its seeds, the first by name of several, of those that do not read the true
-        state; ``None`` if there is no such approach, or no other run.
+        ``paper`` if present, with any seed; else the non-privileged approach with the highest
+        success, as mean over its seeds, and the first by name of equals; ``None`` if there is no
+        such approach, or no other run.
     """
     rates: dict[str, list[float]] = {}
     for label, evaluation in by_label.items():
@@ -53,20 +53,23 @@ def default_reference(by_label: Mapping[str, Evaluation]) -> str | None:
 
 
 def check_reference(reference: str, labels: Iterable[str]) -> None:
-    """See that a reference that was asked for is there.
+    """Check that a requested reference exists.
 
     Raises:
-        ValueError: If it is neither a label nor an approach of several seeds, naming those.
+        ValueError: If it is neither a label nor an approach with several seeds; the message lists
+            both.
     """
     known = sorted({name for label in labels for name in (label, split_seed(label)[0])})
     if reference not in known:
-        raise ValueError(f"reference={reference}: no such policy; there are {', '.join(known)}")
+        raise ValueError(
+            f"reference={reference}: must be one of these policies; there are {', '.join(known)}"
+        )
 
 
 def reference_of(label: str, reference: str | None, known: Iterable[str]) -> str | None:
-    """Return the label of what a run is compared with.
+    """Return the label of the reference of a run.
 
-    That is the reference of its own seed, if any; a run that names no seed is the one with seed 0.
+    It is the reference with the same seed, if any; a run without seed in its name has seed 0.
     """
     known = list(known)
     seed = split_seed(label)[1]

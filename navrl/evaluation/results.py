@@ -1,6 +1,6 @@
-"""What an evaluation leaves: ``episodes.csv`` and ``summary.json``, byte for byte reproducible.
+"""Result files of an evaluation: ``episodes.csv`` and ``summary.json``, reproducible.
 
-Their schema is in ``docs/evaluation.md``.
+The same command writes the same bytes. The schema is in ``docs/evaluation.md``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from navrl.files import csv_text, write_json, write_text
 EPISODES, SUMMARY = "episodes.csv", "summary.json"
 """Files of an evaluation."""
 OUTCOMES = tuple(o.name.lower() for o in Outcome if o is not Outcome.RUNNING)
-"""How an episode can end, by the names in the files; an error comes on top."""
+"""Outcomes of an episode, as named in the files; ``error`` is added."""
 _COLUMNS = (
     "index",
     "scenario",
@@ -50,7 +50,7 @@ COLUMNS = columns()
 
 
 def rates(records: Sequence[EpisodeRecord]) -> dict[str, float]:
-    """Return the share of each outcome; they and ``error_rate`` sum to one."""
+    """Return the share of each outcome and ``error_rate``; they sum to one."""
     names = (*OUTCOMES, ERROR)
     return {
         f"{name}_rate": sum(r.outcome == name for r in records) / len(records) for name in names
@@ -68,26 +68,27 @@ def summarize(
     metrics: Sequence[Metric] = METRICS,
     privileged: bool = False,
 ) -> dict:
-    """Count outcomes and average the times of successes.
+    """Summarize the outcomes and metrics of an evaluation.
 
     Args:
-        records: Every episode; an error counts as no success.
-        policy: Name, for the reader.
-        suite: Name.
-        suite_hash: Of its scenarios.
-        simulator: Name.
-        suite_version: Of the frozen episodes that these are; ``None`` of any others.
-        metrics: What was measured of each episode.
+        records: Records of all episodes; an error counts as a failure.
+        policy: Name of the policy.
+        suite: Name of the suite.
+        suite_hash: Hash of its scenarios.
+        simulator: Name of the simulator.
+        suite_version: Version of the frozen episodes; ``None`` for other episodes.
+        metrics: Metrics measured in each episode.
         privileged: Whether the policy reads the true state.
 
     Returns:
-        Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; how
-        many succeeded and their mean time in s (``None`` without any), were run into (among the
-        collisions with pedestrians), raised an error and, of one that plans, were solved. Under
-        ``metrics`` every metric over all episodes and over the successes.
+        Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; the
+        numbers of successes with their mean time in s (``None`` without any), of episodes in which
+        a pedestrian moved into the robot (part of the collisions with pedestrians), of errors and,
+        for a planning policy, of solved episodes. ``metrics`` has every metric over all episodes
+        and over the successes.
 
     Raises:
-        ValueError: If there is no record.
+        ValueError: If there are no records.
     """
     kinds = sorted({record.scenario for record in records})
     return {
@@ -106,19 +107,20 @@ def summarize(
 def summarize_metrics(
     records: Sequence[EpisodeRecord], metrics: Sequence[Metric] = METRICS
 ) -> dict:
-    """Summarise every metric over all episodes played and over the successes alone.
+    """Summarize every metric over all episodes and over the successes.
 
     Args:
-        records: Episodes; one that raised an error is in every rate, ``spl`` and ``stl`` as
-            :data:`navrl.evaluation.metrics.OF_ERROR` says, and in no other metric.
-        metrics: What was measured of each episode.
+        records: Episodes; one that raised an exception has the values
+            :data:`navrl.evaluation.metrics.OF_ERROR` in rates, ``spl`` and ``stl``, and is excluded
+            from other metrics.
+        metrics: Metrics measured in each episode.
 
     Returns:
-        For each metric its ``unit``, which is ``better``, and for ``all`` and ``successes``: ``n``,
-        how many episodes have a finite value; their ``mean`` with its 95 % ``interval`` (Wilson of
-        what is 0 or 1, else :func:`navrl.evaluation.bootstrap_mean`; ``None`` where that has none)
-        and their ``median``; ``None`` of none. A metric of the user's own comes with all of
-        :meth:`navrl.evaluation.metrics.Metric.facts`.
+        For each metric its ``unit``, which direction is ``better``, and for ``all`` and
+        ``successes``: the number ``n`` of episodes with a finite value; their ``mean`` with its 95
+        % ``interval`` (Wilson for rates, else :func:`navrl.evaluation.bootstrap_mean`; ``None`` if
+        undefined) and their ``median``; ``None`` without values. A metric of the user's own has all
+        of :meth:`navrl.evaluation.metrics.Metric.facts`.
     """
     raised = values_of_error(metrics)
     groups = {
@@ -145,7 +147,7 @@ def write_results(
     summary: dict,
     metrics: Sequence[Metric] = METRICS,
 ) -> dict:
-    """Write ``episodes.csv`` and, once that is whole, ``summary.json`` into ``folder``.
+    """Write ``episodes.csv`` and then ``summary.json`` into ``folder``.
 
     Args:
         folder: Of the evaluation.
@@ -154,7 +156,7 @@ def write_results(
         metrics: What was measured of each episode.
 
     Returns:
-        The summary as it is written: with ``episodes_hash``, SHA-256 of the former file.
+        The written summary, with ``episodes_hash``, the SHA-256 of ``episodes.csv``.
     """
     raised, flags = values_of_error(metrics), {m.name for m in metrics if m.is_rate}
     values = ({**_values(record, raised), **vars(record)} for record in records)
@@ -174,7 +176,7 @@ def _values(record: EpisodeRecord, of_error: Mapping[str, float]) -> Mapping[str
 def _rates(records: Sequence[EpisodeRecord]) -> dict:
     total = len(records)
     if not total:
-        raise ValueError("records: need at least one episode, got none")
+        raise ValueError("records=[]: must have at least one episode")
     count = {name: sum(r.outcome == name for r in records) for name in (*OUTCOMES, ERROR)}
     count["collision"] = count["collision_pedestrian"] + count["collision_static"]
     result: dict = {"episodes": total}
@@ -209,7 +211,7 @@ def _summary(values: Sequence[float | None], is_rate: bool) -> dict:
 
 
 def _cell(value: object, is_flag: bool) -> object:
-    """Write a value; ``None`` is an empty cell, and a flag is 0 or 1."""
+    """Format a value as a cell; ``None`` is an empty cell, and a flag is 0 or 1."""
     if value is not None and (is_flag or isinstance(value, bool)):
         return int(value)
     return f"{value:.6f}" if isinstance(value, float) else value

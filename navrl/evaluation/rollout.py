@@ -1,4 +1,4 @@
-"""Play fixed scenarios with a policy and record how each ends."""
+"""Evaluation loop: play fixed scenarios with a policy and record the outcomes."""
 
 from __future__ import annotations
 
@@ -24,62 +24,61 @@ from navrl.sim import Contact, Simulator
 from navrl.worlds import ScenarioBatch
 
 ERROR = "error"
-"""The outcome of an episode that raised: an episode, and no success."""
+"""Outcome of an episode that raised an exception; counts as a failure."""
 
 
 class Preparing(Protocol):
-    """A policy that is shown the scenarios before it plays them, as one that cheats needs to be.
+    """Interface of policies that read the scenarios in advance (privileged).
 
-    Having the method is enough: :func:`evaluate` calls it before each reset.
+    :func:`evaluate` calls the method, if a policy has it, before each reset.
     """
 
     def prepare(self, scenarios: ScenarioBatch) -> Tensor | None:
-        """Get ready to play ``scenarios``, one a world.
+        """Prepare for the next ``scenarios``, one per world.
 
         Returns:
-            ``[N]`` bool, which of them the policy knows how to win, or ``None`` if it does not
-            plan that far.
+            ``[N]`` bool, whether the policy has a plan for the episode, or ``None`` if it does not
+            plan episodes.
         """
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write a normalised action."""
+        """Write a normalized action."""
 
 
 class Recorder(Protocol):
-    """Sees every chunk that is played side by side, e.g. to keep its episodes. It only reads."""
+    """Interface of observers of chunks of episodes, e.g. to save recordings."""
 
     def begin(self, chunk: range) -> None:
-        """Episodes ``chunk`` begin, one a world; after an error some begin once more."""
+        """Begin the episodes ``chunk``, one per world; after an error some are repeated."""
 
     def __call__(self, stepped: TensorDictBase) -> None:
-        """A batch of transitions."""
+        """Receive a batch of transitions."""
 
     def end(self, chunk: range, records: list[EpisodeRecord]) -> None:
-        """They ended as ``records`` say; never called of a chunk that raised."""
+        """Receive the records of the chunk; not called for a chunk that raised an exception."""
 
 
 @dataclass(frozen=True)
 class EpisodeRecord:
-    """How one episode went.
+    """Record of one episode.
 
     Args:
-        index: Number within the suite.
+        index: Index within the suite.
         scenario: Kind of world.
         outcome: ``success``, ``collision_pedestrian``, ``collision_static``, ``timeout``; or
-            ``error``, which counts as no success and is never dropped.
-        steps: Until the end.
-        time_s: s until the end.
-        path_length_m: m driven.
-        min_pedestrian_distance_m: m, least distance from hull to pedestrian, surface to surface.
-        run_into: Whether a pedestrian moved into the robot rather than the robot into it.
-        error: Traceback, if the episode raised.
-        solved: Whether the policy knew beforehand how to win; ``None`` of one that does not plan.
-        noise_seed: Of the lidar's noise.
-        num_dynamic: Pedestrians who walk.
-        num_static: Pedestrians who stand.
-        pedestrian_speed_mps: m/s, mean speed of those who walk; ``None`` without any.
-        metrics: Every metric that was measured, by name; ``None`` where it is not defined, empty
-            after an error.
+            ``error``, which counts as a failure.
+        steps: Number of steps.
+        time_s: Duration, s.
+        path_length_m: Driven distance, m.
+        min_pedestrian_distance_m: Minimum distance to a pedestrian, surface to surface, m.
+        run_into: Whether a pedestrian moved into the robot.
+        error: Traceback, if the episode raised an exception.
+        solved: Whether the policy had a plan; ``None`` if it does not plan episodes.
+        noise_seed: Seed of the lidar's noise.
+        num_dynamic: Number of moving pedestrians.
+        num_static: Number of stationary pedestrians.
+        pedestrian_speed_mps: Mean speed of the moving pedestrians, m/s; ``None`` without any.
+        metrics: Every measured metric by name; ``None`` if undefined, empty after an error.
     """
 
     index: int
@@ -114,20 +113,19 @@ def evaluate(
 
     Args:
         env: Environment over N worlds with ``privileged=True``; scenarios are played N at a time,
-            in order, the last chunk padded by repetition.
-        policy: Writes a normalised action; noise is off. If it has a method ``prepare``, it is
-            shown what it is about to play (:class:`Preparing`).
-        scenarios: What to play.
+            in order; the last chunk is padded by repetition.
+        policy: Writes a normalized action; noise is off. If it has a method ``prepare``, it is
+            called with the next scenarios (:class:`Preparing`).
+        scenarios: Scenarios to play.
         on_step: Called with every batch of transitions, e.g. to record them; if an episode raises,
-            with those of its neighbours once more.
+            transitions of its chunk are repeated.
         on_chunk: Called with the number of episodes finished since the last call.
-        recorder: Told of each chunk and its transitions.
-        chunks: Which episodes to play side by side; by default all, N at a time
-            (:func:`side_by_side`).
-        metrics: Measured of each episode; navrl's own must be among them.
+        recorder: Receives each chunk and its transitions.
+        chunks: Episodes to play as one batch; by default all, N at a time (:func:`side_by_side`).
+        metrics: Metrics to measure in each episode; navrl's own must be among them.
 
     Returns:
-        A record per scenario played, in order.
+        A record per played scenario, in order.
 
     Raises:
         ValueError: If the policy needs to know where pedestrians will walk, and they react.
@@ -161,7 +159,7 @@ def check_known_future(policy: object, simulator: Simulator) -> None:
 
 
 def side_by_side(num_episodes: int, num_worlds: int) -> list[range]:
-    """Cut episodes into what is played at a time: always the same, so that results are."""
+    """Split episodes into fixed chunks, so that results do not depend on interruptions."""
     firsts = range(0, num_episodes, num_worlds)
     return [range(first, min(first + num_worlds, num_episodes)) for first in firsts]
 
@@ -175,10 +173,9 @@ def _play_chunk(
     recorder: Recorder | None,
     metrics: Sequence[Metric],
 ) -> list[EpisodeRecord]:
-    """Play the episodes of ``chunk`` side by side; if that raises, each half for itself.
+    """Play the episodes of ``chunk`` as a batch; if that raises, each half separately.
 
-    So an episode that raises neither stops the evaluation, nor vanishes from it, nor takes those
-    with it that happened to be played beside it.
+    So an exception in one episode neither stops the evaluation nor affects other episodes.
     """
     rows = torch.arange(chunk.start, chunk.start + env.batch_size.numel())
     batch = scenarios[rows.clamp_max(chunk[-1])]
@@ -235,7 +232,7 @@ def _check_action(action: Tensor, running: Tensor) -> None:
     is_bad = running & ~action.isfinite().all(-1)
     if bool(is_bad.any()):
         raise ValueError(
-            f"action={action[is_bad][0].tolist()}: must be finite, as policies write it"
+            f"action={action[is_bad][0].tolist()}: must be finite in a policy's output"
         )
 
 
@@ -278,7 +275,7 @@ def _failed(batch: ScenarioBatch, index: int, error: str) -> EpisodeRecord:
 
 
 def _setting(batch: ScenarioBatch, row: int) -> dict:
-    """Return what the scenario in ``row`` is like."""
+    """Return the properties of the scenario in ``row``."""
     present, standing = batch.ped_present[row], batch.ped_static[row]
     speeds = batch.ped_speed[row][present & ~standing]
     return {

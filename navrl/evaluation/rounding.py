@@ -1,4 +1,4 @@
-"""Arrays rounded to whole steps in 16 bits, for recordings of many episodes."""
+"""Rounding of arrays to 16 bits, for recordings of many episodes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _STEPS = {
 
 
 def rounded(values: Mapping[str, object]) -> dict[str, object]:
-    """Replace what may be rounded by int16 multiples of a step, named ``name@step``.
+    """Replace roundable arrays by int16 multiples of a step, named ``name@step``.
 
-    Lengths in the robot's frame are kept to 0.1 mm, a hundredth of the lidar's noise, attention to
-    2.5e-5. An array with a number beyond 16 bits stays as it is.
+    Lengths in the robot's frame are rounded to 0.1 mm, a hundredth of the lidar's noise, attention
+    to 2.5e-5. An array with values beyond 16 bits is not changed.
     """
     result: dict[str, object] = {}
     for name, value in values.items():
@@ -36,7 +36,7 @@ def rounded(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def restored(stored: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Undo :func:`rounded`, up to the rounding; the arrays are float32."""
+    """Invert :func:`rounded`, up to the rounding; the arrays are float32."""
     result = {}
     for name, value in stored.items():
         plain, mark, step = name.partition(_MARK)

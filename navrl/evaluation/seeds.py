@@ -1,4 +1,4 @@
-"""One approach trained several times: its score and how much that is luck."""
+"""Summary of an approach over several training seeds."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ _SEED = re.compile(r"[_,-]?seed[_=](\d+)")
 
 @dataclass(frozen=True)
 class OverSeeds:
-    """One number over training seeds.
+    """Summary of one value over training seeds.
 
     Args:
-        name: ``success_rate``, ``collision_rate`` or ``time_to_goal_s``, of successes.
-        unit: SI; ``1`` of a rate.
+        name: ``success_rate``, ``collision_rate`` or ``time_to_goal_s`` (of successes).
+        unit: SI unit; ``1`` for a rate.
         estimate: Interquartile mean of all seeds in all kinds of worlds, with its stratified
-            bootstrap interval, NaN from fewer than 3 seeds; ``n`` is the number of seeds. Of times,
-            of the worlds in which every seed succeeds at least once; NaN without any.
-        by_seed: Of each seed over all its episodes, in the order of the seeds; NaN without any.
-        worst: Of ``by_seed``.
-        best: Of ``by_seed``.
+            bootstrap interval, NaN for fewer than 3 seeds; ``n`` is the number of seeds. Times are
+            from the worlds in which every seed succeeds at least once; NaN without any.
+        by_seed: Value of each seed over all its episodes, in the order of the seeds; NaN without
+            any.
+        worst: Worst value of ``by_seed``.
+        best: Best value of ``by_seed``.
     """
 
     name: str
@@ -40,16 +41,16 @@ class OverSeeds:
 
 @dataclass(frozen=True)
 class SeedSummary:
-    """An approach over its training seeds.
+    """Summary of an approach over its training seeds.
 
     Args:
         approach: Name without the seed.
-        seeds: Of the runs, in order.
+        seeds: Training seeds of the runs, in order.
         success: Interquartile mean of the success rates of all seeds in all kinds of worlds, with
             its stratified bootstrap interval; ``n`` is the number of seeds.
         rates: Overall success rate of each seed, in the order of ``seeds``.
-        episodes: Of each run.
-        metrics: Success, collisions and time to the goal.
+        episodes: Number of episodes of each run.
+        metrics: Summaries of success, collisions and time to the goal.
     """
 
     approach: str
@@ -64,7 +65,7 @@ def split_seed(label: str) -> tuple[str, int | None]:
     """Return a run's approach and training seed: ``paper_seed_2`` is (``paper``, 2).
 
     Returns:
-        The label itself and ``None`` if it names no seed.
+        The approach and its seed; the label itself and ``None`` if it has no seed.
     """
     match = _SEED.search(label)
     if match is None:
@@ -73,12 +74,12 @@ def split_seed(label: str) -> tuple[str, int | None]:
 
 
 def over_seeds(evaluations: Mapping[str, Evaluation]) -> list[SeedSummary]:
-    """Summarise every approach that was trained with two seeds or more.
+    """Summarize every approach trained with two or more seeds.
 
-    A run that names no seed is the one with seed 0, as ``paper`` beside ``paper_seed_1``.
+    A run without seed in its name has seed 0, such as ``paper`` beside ``paper_seed_1``.
 
     Args:
-        evaluations: By label, all on the same episodes.
+        evaluations: Evaluations by label, all on the same episodes.
 
     Reference:
         Agarwal et al. 2021; :func:`navrl.evaluation.statistics.stratified_bootstrap`.
@@ -143,7 +144,7 @@ def _over_seeds(
 
 
 def _by_world(run: Evaluation, values: Mapping[int, float]) -> list[list[float]]:
-    """Return the values in each kind of world, of all kinds that were played, in order."""
+    """Return the values for each played kind of world, in order."""
     found: dict[str, list[float]] = {row["scenario"]: [] for row in run.episodes.values()}
     for index, value in values.items():
         found[run.episodes[index]["scenario"]].append(value)

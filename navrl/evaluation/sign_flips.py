@@ -1,8 +1,8 @@
-"""Randomization test and interval of a center, exact for few values: sums over subsets.
+"""Sign-flip test and confidence interval of a center, exact for few values.
 
-If values are symmetric about a center, flipping the sign of any subset of them (less the center) is
-as likely as what was observed. Flipping a subset moves the sum by twice the subset's sum, so both
-the test and the interval that inverts it are read off the sums over subsets.
+If values are symmetric about a center, flipping the sign of any subset of them (minus the center)
+is as likely as the observation. Flipping a subset changes the sum by twice the subset's sum, so
+both the test and the interval that inverts it follow from the sums over subsets.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from itertools import product
 import numpy as np
 
 _MAX_EXACT = 12  # values whose 4,096 subsets are all evaluated
-_SUBSETS = 9_999  # drawn beyond that; p-values are multiples of 1 / 10,000
-_BATCH = 512  # subsets drawn at a time: 1,000 values take 4 MB
+_SUBSETS = 9_999  # random subsets for more; p-values are multiples of 1 / 10,000
+_BATCH = 512  # random subsets per batch: 1,000 values take 4 MB
 
 
 def sign_flip_p_value(values: np.ndarray, seed: int) -> float:
-    """Return the two-sided p-value that values are symmetric about zero.
+    """Return the two-sided p-value of the hypothesis that values are symmetric about zero.
 
     Args:
         values: ``[n]`` finite, at least one, such as differences between pairs.
-        seed: Of the subsets that are drawn if n is above 12.
+        seed: Seed of the random subsets for n above 12.
 
     Returns:
         Twice the smaller share of sign flips with a mean at least as far to either side, at most 1.
@@ -38,12 +38,12 @@ def sign_flip_p_value(values: np.ndarray, seed: int) -> float:
 
 
 def center_interval(values: np.ndarray, confidence: float, seed: int) -> tuple[float, float]:
-    """Return the centers that :func:`sign_flip_p_value` does not reject.
+    """Return the interval of centers that :func:`sign_flip_p_value` does not reject.
 
     Args:
         values: ``[n]`` finite, at least 6 for a confidence of 0.95.
         confidence: Level in (0, 1).
-        seed: As for the test.
+        seed: Seed, as for the test.
 
     Returns:
         (low, high); (nan, nan) if n is too small for the level.
@@ -60,7 +60,7 @@ def center_interval(values: np.ndarray, confidence: float, seed: int) -> tuple[f
 
 
 def _subset_sums(values: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums and sizes of all subsets that are not empty, or of many drawn ones."""
+    """Return sums and sizes of all non-empty subsets, or of many random ones."""
     if len(values) <= _MAX_EXACT:
         members = np.array(list(product((0, 1), repeat=len(values)))[1:])
         return members @ values, members.sum(axis=1)

@@ -1,4 +1,4 @@
-"""Comparisons as CSV: a number a cell, an empty cell where it is not known.
+"""Comparisons as CSV files, one value per cell.
 
 The columns are documented in ``docs/evaluation.md``.
 """
@@ -18,12 +18,12 @@ _RATES = ("success", "collision", "timeout")
 
 
 def comma_separated(tables: Sequence[ComparisonTable]) -> str:
-    """Return all rows of all tables, a number a cell; an empty cell is not known."""
+    """Return all rows of all tables as CSV; unknown values are empty cells."""
     return _csv([_flat(table, row) for table in tables for row in table.rows])
 
 
 def metrics_comma_separated(tables: Sequence[ComparisonTable]) -> str:
-    """Return all metrics of all rows of all tables; an empty cell is not known."""
+    """Return all metrics of all rows of all tables as CSV; unknown values are empty cells."""
     return _csv(
         [
             _flat_metric(table, row, metric)
@@ -35,7 +35,7 @@ def metrics_comma_separated(tables: Sequence[ComparisonTable]) -> str:
 
 
 def seeds_comma_separated(tables: Sequence[ComparisonTable]) -> str:
-    """Return what several training seeds gave, a row an approach and number; empty without any."""
+    """Return summaries over training seeds as CSV, one row per approach and value."""
     return _csv(
         [
             _flat_seeds(table, summary, found)
@@ -47,7 +47,7 @@ def seeds_comma_separated(tables: Sequence[ComparisonTable]) -> str:
 
 
 def is_nothing(value: object) -> bool:
-    """Return whether a value is not known."""
+    """Return whether a value is unknown."""
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 

@@ -1,6 +1,6 @@
-"""Estimates with their uncertainty: of one run, of two on the same episodes, of several seeds.
+"""Estimates with uncertainty for single runs, paired runs and training seeds.
 
-Everything random here is drawn from a fixed seed, so that a table made twice is the same table.
+Resampling uses a fixed seed, so that tables are reproducible.
 """
 
 from __future__ import annotations
@@ -15,50 +15,50 @@ from scipy.stats import binomtest, bootstrap, trim_mean
 from navrl.evaluation.sign_flips import center_interval, sign_flip_p_value
 
 MIN_PAIRS = 6
-"""Fewest values with an interval and pairs with a test: no outcome of 5 has p < 0.05."""
+"""Minimum number of values for an interval and of pairs for a test; 5 cannot give p < 0.05."""
 
 MIN_SEEDS = 3
-"""Fewest training seeds with an interval."""
+"""Minimum number of training seeds for an interval."""
 
 _SEED = 2024
-_RESAMPLES = 2000  # an interval's end is then known to about 2 % of its width
+_RESAMPLES = 2000  # determines an interval's ends to about 2 % of its width
 _FEW = 50  # values up to which a percentile bootstrap is too narrow: 7 % of intervals miss at 20
 _UNKNOWN = (math.nan, math.nan)
 
 
 class Estimate(NamedTuple):
-    """A number, how sure it is, and from how many."""
+    """Estimate with confidence interval and sample size."""
 
     value: float
-    """The estimate; NaN from no sample."""
+    """The estimate; NaN without samples."""
     low: float
     """Lower end of the interval; NaN without one."""
     high: float
     """Upper end of the interval; NaN without one."""
     n: int
-    """Samples."""
+    """Number of samples."""
 
 
 class PairedDifference(NamedTuple):
-    """How much one run differs from another on the same episodes."""
+    """Difference of two runs on the same episodes."""
 
     value: float
-    """Mean difference; NaN from no pair."""
+    """Mean difference; NaN without pairs."""
     low: float
     """Lower end of the interval; NaN without one."""
     high: float
     """Upper end of the interval; NaN without one."""
     p_value: float
-    """Two-sided, of no difference; NaN from fewer than :data:`MIN_PAIRS` pairs."""
+    """Two-sided p-value of no difference; NaN for fewer than :data:`MIN_PAIRS` pairs."""
     n: int
-    """Pairs."""
+    """Number of pairs."""
 
 
 def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the Wilson score interval of a rate.
 
     Args:
-        successes: Of ``total``.
+        successes: Number of successes among ``total``.
         total: Number of trials.
         confidence: Level in (0, 1).
 
@@ -77,17 +77,17 @@ def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tup
 def bootstrap_mean(
     values: Sequence[float], confidence: float = 0.95, resamples: int = _RESAMPLES
 ) -> Estimate:
-    """Return the mean of values that are not normal, such as times, with its interval.
+    """Return the mean of non-normal values, such as times, with a bootstrap interval.
 
     Args:
-        values: Finite, one an episode.
+        values: Finite values, one per episode.
         confidence: Level in (0, 1).
-        resamples: Of the bootstrap.
+        resamples: Number of bootstrap resamples.
 
     Returns:
-        Mean and percentile bootstrap interval; of 50 values or fewer the interval of
-        :func:`navrl.evaluation.sign_flips.center_interval`; none of fewer than
-        :data:`MIN_PAIRS` values, or of values that are all equal.
+        Mean and percentile bootstrap interval; for 50 values or fewer the interval of
+        :func:`navrl.evaluation.sign_flips.center_interval`; none for fewer than :data:`MIN_PAIRS`
+        values, or if all values are equal.
 
     Raises:
         ValueError: If a value is not finite.
@@ -103,14 +103,14 @@ def bootstrap_mean(
 
 
 def mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
-    """Return the exact two-sided p-value that two runs win the same share of the same episodes.
+    """Return the exact two-sided p-value of equal success of two runs on the same episodes.
 
     Args:
-        first: Which episodes the first won.
-        second: Which of the same episodes the second won.
+        first: Success of the first run per episode.
+        second: Success of the second run on the same episodes.
 
     Returns:
-        1 if they won the same ones; NaN from fewer than :data:`MIN_PAIRS` episodes.
+        1 if they succeed in the same ones; NaN for fewer than :data:`MIN_PAIRS` episodes.
 
     Raises:
         ValueError: If the numbers of episodes differ.
@@ -128,13 +128,13 @@ def mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values corrected for their number: at 0.05, one in twenty tables errs, not tests.
+    """Return p-values with Holm's correction for multiple tests.
 
     Args:
-        p_values: Of one family of tests, in any order.
+        p_values: p-values of one family of tests, in any order.
 
     Returns:
-        In the same order, at most 1.
+        Corrected p-values in the same order, at most 1.
 
     Reference:
         Holm, "A simple sequentially rejective multiple test procedure", 1979.
@@ -154,17 +154,17 @@ def paired_difference(
 ) -> PairedDifference:
     """Return the mean of first - second over the same episodes, with a sign-flip test.
 
-    Pairing takes out that some episodes are long for every run.
+    Pairing removes the variation of difficulty between episodes.
 
     Args:
-        first: Finite, one an episode.
-        second: Likewise, of the same episodes in the same order.
+        first: Finite values, one per episode.
+        second: Finite values of the same episodes in the same order.
         confidence: Level in (0, 1).
-        resamples: Of the bootstrap, which draws episodes.
+        resamples: Number of bootstrap resamples of the episodes.
 
     Returns:
         Difference; the interval of :func:`bootstrap_mean`; and the p-value that the two runs are
-        exchangeable in each episode: all sign flips of up to 12 pairs, 9,999 drawn ones of more.
+        exchangeable in each episode: all sign flips for up to 12 pairs, 9,999 random ones for more.
 
     Raises:
         ValueError: If the numbers of episodes differ, or a value is not finite.
@@ -182,7 +182,7 @@ def paired_difference(
 def interquartile_mean(scores: np.ndarray) -> float:
     """Return the mean of the middle half of all ``scores``, of any shape.
 
-    It ignores a lucky and a failed run as the median does, and wastes less of the rest.
+    It is robust to outlying runs like the median, but uses more of the data.
 
     Reference:
         Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
@@ -199,11 +199,12 @@ def stratified_bootstrap(
     Args:
         scores: ``[R, M]``, of R training runs (seeds) on M tasks, such as kinds of worlds.
         confidence: Level in (0, 1).
-        resamples: Of the bootstrap, which draws runs with replacement, for each task apart.
+        resamples: Number of bootstrap resamples, which draw runs with replacement for each task.
 
     Returns:
-        Interquartile mean of all R x M scores, percentile interval, and R. The interval is NaN from
-        fewer than :data:`MIN_SEEDS` runs and where all resamples agree: the spread is unknown.
+        Interquartile mean of all R x M scores, percentile interval, and R. The interval is NaN for
+        fewer than :data:`MIN_SEEDS` runs and if all resamples are equal, since the spread is
+        unknown.
 
     Raises:
         ValueError: If ``scores`` is not ``[R, M]`` with at least one score, all finite.
@@ -213,7 +214,9 @@ def stratified_bootstrap(
     """
     scores = np.asarray(scores, dtype=float)
     if scores.ndim != 2 or scores.size == 0 or not np.isfinite(scores).all():
-        raise ValueError(f"scores: need [runs, tasks] of finite numbers, got {list(scores.shape)}")
+        raise ValueError(
+            f"scores.shape={list(scores.shape)}: must be [runs, tasks] of finite numbers"
+        )
     value, (runs, tasks) = interquartile_mean(scores), scores.shape
     if runs < MIN_SEEDS:
         return Estimate(value, *_UNKNOWN, runs)
@@ -226,7 +229,7 @@ def stratified_bootstrap(
 
 
 def _mean_interval(sample: np.ndarray, confidence: float, resamples: int) -> tuple[float, float]:
-    """Return the interval of a mean, (nan, nan) if the sample tells nothing of its spread."""
+    """Return the interval of a mean; (nan, nan) if the spread of the sample is unknown."""
     if len(sample) < MIN_PAIRS or np.ptp(sample) == 0:
         return _UNKNOWN
     if len(sample) <= _FEW:
@@ -245,29 +248,29 @@ def _mean_interval(sample: np.ndarray, confidence: float, resamples: int) -> tup
 
 
 def _with_width(low: float, high: float) -> tuple[float, float]:
-    """Return an interval, (nan, nan) instead of one without width: no sample is that certain."""
+    """Return an interval, but (nan, nan) for one of zero width, whose spread is unknown."""
     return (low, high) if high > low else _UNKNOWN
 
 
 def _finite(name: str, values: Sequence[float]) -> np.ndarray:
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
-        raise ValueError(f"{name}: need finite numbers, got {array[~np.isfinite(array)][0]}")
+        raise ValueError(f"{name}={array[~np.isfinite(array)][0]}: must be finite")
     return array
 
 
 def _check_pairs(first: Sequence, second: Sequence) -> None:
     if len(first) != len(second):
-        raise ValueError(f"need the same episodes, got {len(first)} and {len(second)}")
+        raise ValueError(f"must be the same episodes, got {len(first)} and {len(second)}")
 
 
 def p_value_text(value: float | None) -> str:
-    """Return ``< 0.001`` or three decimals; a dash for a test that was not made."""
+    """Return ``< 0.001`` or three decimals; a dash without a test."""
     if value is None or math.isnan(value):
         return "\N{EN DASH}"
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def interval_text(low: float, high: float, form: str) -> str:
-    """Return ``" [low, high]"`` in a format, or nothing for an interval that is not known."""
+    """Return ``" [low, high]"`` in a format, or an empty text for an unknown interval."""
     return "" if math.isnan(low) else f" [{low:{form}}, {high:{form}}]"

@@ -1,4 +1,4 @@
-"""Evaluations as they lie in folders."""
+"""Evaluations stored in folders."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from navrl.evaluation.summaries import check_summary, own_metrics
 from navrl.untrusted import DamagedFileError, is_number, read_json, read_table
 
 LOG = logging.getLogger(__name__)
-_TEXTS = ("scenario", "outcome")  # columns of episodes.csv, beside the traceback in error
+_TEXTS = ("scenario", "outcome")  # text columns of episodes.csv, besides the traceback in error
 _REMEDY = "restore the folder, or delete this file and run the same evaluation again"
 
 LATENCY = "latency.json"
-"""File beside the results with what the clock says, if decisions were timed."""
+"""File of measured latencies, if decisions were timed."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What one job of ``navrl-evaluate`` left.
+    """Result files of one job of ``navrl-evaluate``.
 
     Args:
-        folder: With ``summary.json`` and ``episodes.csv``.
-        summary: The former.
+        folder: Folder with ``summary.json`` and ``episodes.csv``.
+        summary: Content of ``summary.json``.
     """
 
     folder: Path
@@ -37,11 +37,11 @@ class Evaluation:
 
     @classmethod
     def load(cls, folder: Path) -> Evaluation:
-        """Read ``summary.json``; ``episodes.csv`` is read when it is needed.
+        """Read ``summary.json``; ``episodes.csv`` is read on demand.
 
         Raises:
-            OSError: If it is missing or may not be read.
-            DamagedFileError: If it is damaged or holds values of the wrong kind.
+            OSError: If it is missing or not readable.
+            DamagedFileError: If it is damaged or has values of the wrong type.
         """
         file = Path(folder) / "summary.json"
         summary = read_json(file, _REMEDY)
@@ -52,26 +52,26 @@ class Evaluation:
 
     @property
     def label(self) -> str:
-        """The policy, with what was changed about it."""
+        """Name of the policy, with the changes made to it."""
         changes = self.summary.get("change") or {}
         return ", ".join([self.summary["policy"], *(f"{k}={v}" for k, v in changes.items())])
 
     @property
     def setting(self) -> tuple[str, str, str]:
-        """Suite, hash of its episodes and simulator: the rows of a table share all three."""
+        """Suite, hash of its episodes and simulator, which are equal for all rows of a table."""
         return tuple(str(self.summary[name]) for name in ("suite", "suite_hash", "simulator"))
 
     @property
     def setting_shown(self) -> tuple[str, str, str]:
-        """:attr:`setting` with the beginning of the hash alone."""
+        """:attr:`setting` with a shortened hash."""
         suite, suite_hash, simulator = self.setting
         return suite, suite_hash[:12], simulator
 
     @property
     def is_frozen(self) -> bool:
-        """Whether the suite was checked against the frozen one of its name.
+        """Return whether the suite was checked against the frozen one of its name.
 
-        Summaries without the key are older than it and taken for frozen.
+        Older summaries without the key count as frozen.
         """
         return self.summary.get("suite_version", "older") is not None
 
@@ -82,16 +82,16 @@ class Evaluation:
 
     @cached_property
     def latency(self) -> Mapping[str, float]:
-        """What :func:`navrl.evaluation.metrics.controller_latency` returned; empty if not timed."""
+        """Result of :func:`navrl.evaluation.metrics.controller_latency`; empty if not timed."""
         return read_latency(self.folder) or {}
 
     @cached_property
     def episodes(self) -> dict[int, Mapping[str, str]]:
-        """The rows of ``episodes.csv`` by the episode's index; columns are found by name.
+        """Return the rows of ``episodes.csv`` by index of the episode.
 
         Raises:
-            OSError: If it is missing or may not be read.
-            DamagedFileError: If it is damaged, or has more or fewer episodes than the summary.
+            OSError: If it is missing or not readable.
+            DamagedFileError: If it is damaged, or has another number of episodes than the summary.
         """
         file = self.folder / "episodes.csv"
         rows = read_table(file, _REMEDY)
@@ -107,13 +107,13 @@ class Evaluation:
 
     @cached_property
     def success(self) -> dict[int, bool]:
-        """Which episodes were won, by index."""
+        """Return the success of the episodes, by index."""
         return {index: row["outcome"] == "success" for index, row in self.episodes.items()}
 
     def finite(self, column: str) -> dict[int, float]:
-        """Return a column by index, of the episodes where it is a finite number.
+        """Return the finite values of a column, by index of the episode.
 
-        Empty if the evaluation is older than the column.
+        Empty if an older evaluation lacks the column.
         """
         cells = {index: row.get(column) or "nan" for index, row in self.episodes.items()}
         values = {index: float(cell) for index, cell in cells.items()}
@@ -121,10 +121,10 @@ class Evaluation:
 
 
 def _check_rows(rows: Sequence[Mapping[str, str]], known: Sequence[str]) -> None:
-    """Hold the cells of ``episodes.csv`` to what their columns may have.
+    """Check the cells of ``episodes.csv``.
 
     Raises:
-        ValueError: At the first that is not, naming column and row.
+        ValueError: If a cell is invalid; the message has the column and row of the first one.
     """
     if not rows:
         return
@@ -142,12 +142,12 @@ def _check_rows(rows: Sequence[Mapping[str, str]], known: Sequence[str]) -> None
 
 
 def whole_results(folder: Path) -> dict | None:
-    """Return the summary in a folder if it and the episodes it belongs to are whole.
+    """Return the summary in a folder if it and its episodes are complete.
 
-    A damaged file is named in a warning: it means that the suite is to be played again.
+    A damaged file causes a warning that names it; the suite must then be played again.
 
     Returns:
-        ``None`` if a file is missing, cut off or altered, or older than ``episodes_hash``.
+        ``None`` if a file is missing, truncated or modified, or has no ``episodes_hash``.
     """
     try:
         evaluation = Evaluation.load(folder)
@@ -163,10 +163,10 @@ def whole_results(folder: Path) -> dict | None:
 
 
 def read_latency(folder: Path) -> Mapping[str, float] | None:
-    """Return what ``latency.json`` of an evaluation holds; ``None`` if decisions were not timed.
+    """Return the content of an evaluation's ``latency.json``; ``None`` if it does not exist.
 
     Raises:
-        DamagedFileError: If it is damaged or holds anything but numbers.
+        DamagedFileError: If it is damaged or has values that are not numbers.
     """
     file = folder / LATENCY
     if not file.is_file():
@@ -181,11 +181,11 @@ def read_latency(folder: Path) -> Mapping[str, float] | None:
 
 
 def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
-    """Return every evaluation in or below some folders, in the order of their paths.
+    """Return all evaluations in or below some folders, in the order of their paths.
 
     Raises:
-        ValueError: If a folder does not exist or holds none, if a file is damaged, or if episodes
-            are not those that a summary counts.
+        ValueError: If a folder does not exist or has no evaluation, if a file is damaged, or if
+            episodes do not belong to their summary.
     """
     found: dict[Path, Evaluation] = {}
     for folder in map(Path, folders):
@@ -200,23 +200,23 @@ def find_evaluations(folders: Iterable[str | Path]) -> list[Evaluation]:
 
 
 def _check_whole(evaluation: Evaluation) -> None:
-    """Compare the episodes with their hash in the summary, of evaluations that have one.
+    """Compare the episodes with their hash in the summary, if it has one.
 
     Raises:
         ValueError: If they differ.
     """
     if "episodes_hash" in evaluation.summary and whole_results(evaluation.folder) is None:
         raise ValueError(
-            f"{evaluation.folder / EPISODES}: does not hold the episodes of {SUMMARY} beside it; "
+            f"{evaluation.folder / EPISODES}: must be the episodes of {SUMMARY} beside it; "
             "play them again with the same navrl-evaluate command"
         )
 
 
 def check_same_episodes(evaluations: Iterable[Evaluation]) -> None:
-    """See that evaluations played the same episodes: only then can they be paired.
+    """Check that evaluations played the same episodes, which pairing requires.
 
     Raises:
-        ValueError: Otherwise, naming two folders, their suites and hashes.
+        ValueError: If they did not; the message has two folders, their suites and hashes.
     """
     first = None
     for evaluation in evaluations:

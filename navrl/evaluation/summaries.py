@@ -1,4 +1,4 @@
-"""What ``summary.json`` of an evaluation may hold, for files that others wrote."""
+"""Checks of ``summary.json`` from untrusted files."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from navrl.evaluation.metrics import METRICS, Metric
 from navrl.untrusted import is_number
 
 _MAX_NAME = 500  # characters; labels of swept policies have about 60
-_SHOWN = 60  # characters of a wrong value in a message
+_SHOWN = 60  # characters of an invalid value in a message
 
 _TEXTS = ("policy", "suite", "suite_hash", "simulator")
-_PART = {"episodes", "success_rate"}  # of each kind of world
+_PART = {"episodes", "success_rate"}  # keys of each kind of world
 _KNOWN = frozenset(metric.name for metric in METRICS)
 _NEEDED = (*_TEXTS, "episodes", "success_rate", "collision_rate", "timeout_rate")
 
 
 def check_summary(summary: Mapping[str, object]) -> str | None:
-    """Return what is wrong with a summary, ``None`` if nothing is.
+    """Return the first error of a summary, or ``None``.
 
-    Unknown keys are left alone: newer versions may add some.
+    Unknown keys are ignored, since newer versions may add some.
     """
     missing = [name for name in _NEEDED if name not in summary]
     if missing:
@@ -64,7 +64,7 @@ def own_metrics(summary: Mapping[str, object]) -> tuple[Metric, ...]:
 
 
 def _first_wrong(part: Mapping[str, object]) -> str | None:
-    """Return the first value of a kind that its name rules out."""
+    """Return the first value that is not allowed for its name, or ``None``."""
     for name, value in part.items():
         is_right, allowed = _rule(name)
         if not is_right(value):
@@ -73,7 +73,7 @@ def _first_wrong(part: Mapping[str, object]) -> str | None:
 
 
 def _rule(name: str) -> tuple[Callable[[object], bool], str]:
-    """Return the test of a key's value and what is allowed, in words."""
+    """Return the test of a key's value and a description of allowed values."""
     if name in _TEXTS:
         return _is_name, f"text of at most {_MAX_NAME} characters"
     if name == "change":

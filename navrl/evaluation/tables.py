@@ -1,4 +1,4 @@
-"""Comparisons as Markdown for people and JSON for programs, beside CSV for spreadsheets.
+"""Comparisons as Markdown and JSON.
 
 The columns and keys are documented in ``docs/evaluation.md``.
 """
@@ -30,7 +30,7 @@ from navrl.evaluation.statistics import (
 from navrl.files import markdown_text, write_text
 
 NAME = "comparison"
-"""Of the files."""
+"""Name of the files without suffix."""
 
 _RATES = ("success", "collision", "timeout")
 _COLLISION_LABELS = [metric.label for metric in METRICS if metric.name in COLLISIONS]
@@ -41,9 +41,9 @@ def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Pa
     """Write the tables into ``folder``.
 
     Returns:
-        ``comparison.md``, ``comparison.csv`` (a row a policy), ``comparison.json`` (everything),
-        ``comparison_metrics.csv`` (a row for each policy and metric) and ``comparison_seeds.csv``,
-        if an approach was trained with several seeds.
+        Paths of ``comparison.md``, ``comparison.csv`` (one row per policy), ``comparison.json``
+        (all data), ``comparison_metrics.csv`` (one row per policy and metric) and
+        ``comparison_seeds.csv``, if an approach was trained with several seeds.
     """
     folder = Path(folder)
     texts = {
@@ -61,7 +61,7 @@ def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Pa
 
 
 def markdown(table: ComparisonTable) -> str:
-    """Return a table with all that is needed to judge it: sample sizes, intervals and the hash."""
+    """Return a table in Markdown with sample sizes, intervals and the hash."""
     reference = table.reference
     header = ["policy", "n", *_RATES, "time of successes"]
     header += [f"time where all succeed, n={table.finished_by_all}"]
@@ -85,20 +85,20 @@ def markdown(table: ComparisonTable) -> str:
     ]
     lines += ["| " + " | ".join(_cells(row, reference, has_published)) + " |" for row in table.rows]
     if any(row.cheats for row in table.rows):
-        lines += ["", "\\* reads the true state of walls and pedestrians: no rival, a ceiling."]
+        lines += ["", "\\* privileged: reads the true state of walls and pedestrians."]
     lines += [*_lead_lines(table), *_collision_lines(table), *_seed_lines(table)]
     return "\n".join(lines) + "\n"
 
 
 def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
-    """Return the other metrics, a row for each metric and policy.
+    """Return the other metrics in Markdown, one row per metric and policy.
 
     Args:
-        table: Of one suite.
-        names: Which metrics; all if empty.
+        table: Table of one suite.
+        names: Names of the metrics; all if empty.
 
     Raises:
-        ValueError: If there is no metric of a name.
+        ValueError: If a metric does not exist.
     """
     measured = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     comparable = dict.fromkeys((*COMPARABLE, *measured))
@@ -127,7 +127,7 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
 
 
 def _lead_lines(table: ComparisonTable) -> list[str]:
-    """Say whether the best of those that do not cheat is really better than the next."""
+    """Compare the best non-privileged policy with the second best, in a sentence."""
     lead = table.lead
     if lead is None:
         return []
@@ -264,12 +264,12 @@ def _published(row: ComparisonRow) -> str:
 
 
 def _code(name: str) -> str:
-    """Return a name as Markdown code that stays within its cell."""
+    """Return a name as Markdown code, escaped for a table cell."""
     return f"`{markdown_text(name, code=True)}`"
 
 
 def _plain(value: object) -> object:
-    """Return JSON's own types; estimates by the names of their parts, what is not known as null."""
+    """Convert to JSON types; estimates become objects, unknown values null."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, Mapping):

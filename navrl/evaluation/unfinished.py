@@ -1,4 +1,4 @@
-"""What is finished of an evaluation that may be cut off: a file for each chunk of episodes."""
+"""Results of finished chunks of an interrupted evaluation, one file per chunk."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _REMEDY = "the chunk is played again"
 
 
 class FinishedChunks:
-    """Keep the records of chunks that were played, so that the same command goes on after them.
+    """Store of the records of finished chunks, from which the same command resumes.
 
     Args:
-        folder: Made for this alone; cleared if it holds chunks of another evaluation.
-        key: Says which evaluation: equal keys mean equal records.
+        folder: Folder of the chunks only; cleared if they belong to another evaluation.
+        key: Identifies the evaluation: equal keys mean equal records.
 
     Attributes:
-        is_new: Whether no chunk of this evaluation was there.
+        is_new: Whether no chunk of this evaluation existed.
     """
 
     def __init__(self, folder: Path, key: str) -> None:
@@ -36,7 +36,7 @@ class FinishedChunks:
         write_text(there, key)
 
     def load(self, chunk: range) -> list[EpisodeRecord] | None:
-        """Return the records of ``chunk``, or ``None`` if it was not finished or is damaged."""
+        """Return the records of ``chunk``, or ``None`` if it is unfinished or damaged."""
         file = self._file(chunk)
         if not file.is_file():
             return None
@@ -50,11 +50,11 @@ class FinishedChunks:
         return records
 
     def save(self, chunk: range, records: list[EpisodeRecord]) -> None:
-        """Keep the records of ``chunk``: all of them or, if that is cut off, none."""
+        """Store the records of ``chunk`` atomically."""
         write_json(self._file(chunk), [asdict(record) for record in records])
 
     def clear(self) -> None:
-        """Remove everything: the evaluation is finished."""
+        """Remove all files of a finished evaluation."""
         shutil.rmtree(self._folder)
 
     def _file(self, chunk: range) -> Path:

@@ -1,4 +1,4 @@
-"""Composition root: from a resolved configuration to objects; nothing below takes a config."""
+"""Composition root: builds all objects from a resolved configuration."""
 
 # ruff: noqa: E402 - missing packages are reported before a module that needs them is imported
 

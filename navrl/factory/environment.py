@@ -1,4 +1,4 @@
-"""From a config to worlds and environments."""
+"""Construction of worlds and environments from a configuration."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ def num_threads(cfg: DictConfig) -> int:
 
 
 def set_threads(cfg: DictConfig) -> None:
-    """Let torch use the configured number of threads; the compiled kernels follow torch.
+    """Set the number of threads of torch, which the compiled kernels use too.
 
     Raises:
-        ValueError: See :func:`num_threads`.
+        ValueError: If ``num_threads`` is out of range, see :func:`num_threads`.
     """
     torch.set_num_threads(num_threads(cfg))
-    torch.set_flush_denormal(True)  # vanishing gradients otherwise slow products tenfold
+    torch.set_flush_denormal(True)  # denormal gradients slow products tenfold
 
 
 def make_device(cfg: DictConfig) -> torch.device:
-    """Return the device that ``cfg.device`` names; the CPU in configs older than the key.
+    """Return the device of ``cfg.device``; the CPU for older configs without the key.
 
     Raises:
-        ValueError: It is neither ``cpu`` nor ``cuda``, or something is missing for it.
+        ValueError: If it is neither ``cpu`` nor ``cuda``, or not available.
     """
     return find_device(cfg.get("device", "cpu"))
 
 
 def on_cpu(cfg: DictConfig) -> DictConfig:
-    """Return the same configuration with everything on the CPU."""
+    """Return a copy of the configuration with all devices set to the CPU."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)
     copy.device = "cpu"
@@ -72,9 +72,9 @@ def make_navigation_env(
     Args:
         cfg: Config with ``simulator``, ``robot``, ``lidar``, ``reward`` and ``environment``.
         num_worlds: Batch size.
-        scenarios: Where episodes are drawn from; ``None`` if they are set from outside.
+        scenarios: Source of the episodes; ``None`` if they are set by the caller.
         seed: Seed of the environment's generator; ``None`` draws one.
-        privileged: Whether the true state is observed too.
+        privileged: Whether the observation includes the true state.
 
     Returns:
         An environment with physical actions and raw outputs.
@@ -85,7 +85,7 @@ def make_navigation_env(
     worlds = cfg.simulator.get("num_worlds", cfg.num_worlds)
     if worlds != cfg.num_worlds:
         raise ValueError(f"simulator.num_worlds={worlds}: no effect, num_worlds={worlds} sets it")
-    make_device(cfg)  # a wrong one is told apart before anything is built
+    make_device(cfg)  # validate the device before building anything
     return NavigationEnv(
         instantiate(cfg.simulator, num_worlds=num_worlds),
         scenarios,
@@ -99,12 +99,12 @@ def make_navigation_env(
 def make_pool(
     cfg: DictConfig, name: str = "train", seed: int | None = None, size: int | None = None
 ) -> ScenarioPool:
-    """Return the scenarios that episodes are drawn from, generated once and cached.
+    """Return the pool of training scenarios, generated once and cached.
 
     Args:
         cfg: Config with ``scenario``, ``seed``, ``pool_size``, ``empty_share`` and ``num_threads``.
-        name: Of the suite they belong to.
-        seed: Of the suite; ``cfg.seed`` if ``None``.
+        name: Name of their suite.
+        seed: Seed of the suite; ``cfg.seed`` if ``None``.
         size: Number of scenarios; ``cfg.pool_size`` if ``None``.
     """
     suite = Suite(
@@ -128,7 +128,7 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
     """Append a clone of the perception transforms, then normalize actions to [-1, 1].
 
     Raises:
-        ValueError: If the transforms assume another mount or other angles of the lidar.
+        ValueError: If the transforms have another mount or other angles of the lidar.
     """
     check_lidar(transforms, env.simulator.lidar)
     transformed = TransformedNavigationEnv(env, transforms.clone())
@@ -140,10 +140,10 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
 
 
 def _share_bounds(specs: Composite) -> None:
-    """Let all worlds share the bounds of one: of 4,096 worlds they are 180 MB."""
+    """Share the bounds of one world among all, which saves 180 MB for 4,096 worlds."""
     for key in specs.keys(True, True):
         space = specs[key].space
-        if isinstance(space, ContinuousBox) and not space.batch_size:  # else they do already
+        if isinstance(space, ContinuousBox) and not space.batch_size:  # not shared yet
             space._low, space._high = (_shared(bound) for bound in (space.low, space.high))
 
 
@@ -153,11 +153,11 @@ def _shared(bound: Tensor) -> Tensor:
 
 
 def make_training_env(cfg: DictConfig, seed: int, num_worlds: int | None = None) -> TransformedEnv:
-    """Build an environment to train in; a worker calls this in its own process.
+    """Build a training environment; workers call this in their own process.
 
     Args:
         cfg: A composed ``conf/train.yaml``.
-        seed: Of the environment; scenarios and the pool they are drawn from follow ``cfg.seed``.
+        seed: Seed of the environment; the pool of scenarios depends on ``cfg.seed``.
         num_worlds: Batch size; ``cfg.num_worlds`` if ``None``.
     """
     count = cfg.num_worlds if num_worlds is None else num_worlds

@@ -1,4 +1,4 @@
-"""From Hydra overrides to the environment that is registered with gymnasium."""
+"""Construction of the gymnasium environment from Hydra overrides."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EFFECTIVE = (
     *("scenario", "simulator", "robot", "lidar", "reward", "environment", "experiment"),
     *("seed", "pool_size", "empty_share", "num_threads"),
 )
-"""Keys of ``conf/train.yaml`` that the environment depends on."""
+"""Keys of ``conf/train.yaml`` that affect the environment."""
 
 
 def make_gymnasium_env(
@@ -31,15 +31,15 @@ def make_gymnasium_env(
 ) -> GymnasiumNavigation:
     """Build the environment behind ``gymnasium.make("navrl/Navigation-v0")``.
 
-    An unknown keyword raises Python's own TypeError: libraries that offer keywords of their own
-    (stable-baselines3, TorchRL) try again without on exactly that.
+    An unknown keyword raises Python's TypeError, on which libraries with additional keywords
+    (stable-baselines3, TorchRL) retry without them.
 
     Args:
         overrides: Hydra overrides of ``conf/train.yaml``, e.g. ``["scenario=corridor",
-            "simulator=bullet"]``. Only those that can change the environment are taken. ``seed``
-            is that of the worlds to draw from; ``reset(seed=...)`` chooses among them.
-        render_mode: ``"rgb_array"`` or ``None``; ``gymnasium.make`` makes ``"human"`` of the first
-            if pygame is installed.
+            "simulator=bullet"]``. Only those that affect the environment are accepted. ``seed`` is
+            that of the pool of worlds; ``reset(seed=...)`` selects from the pool.
+        render_mode: ``"rgb_array"`` or ``None``; ``gymnasium.make`` provides ``"human"`` by the
+            former if pygame is installed.
 
     Returns:
         One world with the paper's raw observations.
@@ -56,7 +56,7 @@ def make_gymnasium_env(
     return GymnasiumNavigation(env, EpisodeRenderer(env) if render_mode else None)
 
 
-make_gymnasium_env.metadata = GymnasiumNavigation.metadata  # gymnasium.make looks for it here
+make_gymnasium_env.metadata = GymnasiumNavigation.metadata  # read by gymnasium.make
 
 
 def _check_overrides(overrides: Sequence[str]) -> None:
@@ -74,7 +74,7 @@ def _check_overrides(overrides: Sequence[str]) -> None:
 
 
 class EpisodeRenderer:
-    """Renderer of the running episode, with the pictures of :mod:`navrl.viz`.
+    """Renderer of the running episode by :mod:`navrl.viz`.
 
     Args:
         env: Environment whose first world is drawn.
@@ -87,7 +87,7 @@ class EpisodeRenderer:
         self._series: dict[str, list[np.ndarray]] = {}
 
     def start(self, observation: TensorDictBase) -> None:
-        """Begin with what a reset returned, ``[N]``."""
+        """Start with the observation of a reset, ``[N]``."""
         self._series = {
             name: [] for name in (keys.POSE, keys.RANGES, keys.PEDESTRIAN_BOXES, keys.ACTION)
         }
@@ -95,12 +95,12 @@ class EpisodeRenderer:
         self._append(observation)
 
     def add(self, action: Tensor, observation: TensorDictBase) -> None:
-        """Add a command ``[2]`` in m/s and rad/s and what its step returned, ``[N]``."""
+        """Add a command ``[2]`` in m/s and rad/s and the step's observation, ``[N]``."""
         self._series[keys.ACTION].append(action.numpy().copy())
         self._append(observation)
 
     def frame(self) -> np.ndarray:
-        """Return the present moment, ``[480, 480, 3]`` uint8.
+        """Return an image of the current step, ``[480, 480, 3]`` uint8.
 
         Raises:
             ResetNeeded: If no episode has begun.

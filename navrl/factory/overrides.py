@@ -1,4 +1,4 @@
-"""Overrides that are out of range or would have no effect, reported before anything is played."""
+"""Checks for overrides that are out of range or without effect, before any episode."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from navrl.evaluation.archive import KEPT
 from navrl.factory.values import flat_values
 
 PARTS = ("transforms", "lidar", "robot")
-"""What a bundle brings, and what ``change`` changes of a policy."""
+"""Parts that a bundle includes and ``change`` can modify."""
 
-_OF_RECORDING = ("recording", "frames_per_s")  # all that counts if a recording is drawn
+_OF_RECORDING = ("recording", "frames_per_s")  # keys with an effect when a recording is drawn
 _NEVER_MEASURED = ("suite", "final_simulator", "deployment", "resume", "validation", "sweep")
 _SET_BY_ROWS = (
     *(f"schedule.{name}" for name in ("learning_starts", "total_frames", "checkpoint_every_s")),
@@ -25,7 +25,7 @@ _SET_BY_ROWS = (
 
 
 def check_options(cfg: DictConfig) -> None:
-    """Check how an evaluation is played and what is stored of it.
+    """Check the options of an evaluation.
 
     Raises:
         ValueError: If ``num_processes``, ``recordings`` or ``latency`` is out of range.
@@ -37,29 +37,29 @@ def check_options(cfg: DictConfig) -> None:
     if kept not in KEPT:
         raise ValueError(f"recordings={kept}: must be one of {', '.join(KEPT)}")
     if latency < 0:
-        raise ValueError(f"latency={latency}: episodes to be timed, must be >= 0")
+        raise ValueError(f"latency={latency}: number of episodes, must be >= 0")
 
 
 def check_suite(cfg: DictConfig) -> None:
     """Build ``cfg.suite`` and ``cfg.simulator``, and compare an episode with the frozen one.
 
     Raises:
-        ValueError: If a value of theirs is out of range.
+        ValueError: If one of their values is out of range.
     """
     instantiate(cfg.suite).scenarios([0])
     instantiate(cfg.simulator, num_worlds=1).close()
 
 
 def check_policy(cfg: DictConfig, is_bundle: bool) -> None:
-    """Check that every override that concerns the policy has an effect on it.
+    """Check that every override of the policy has an effect.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        is_bundle: Whether the policy brings its own transforms, lidar and robot.
+        is_bundle: Whether the policy has its own transforms, lidar and robot.
 
     Raises:
-        ValueError: If a part that a bundle brings is overridden beside it, ``change`` names what a
-            policy does not have, or a reward is chosen that no recording would have.
+        ValueError: If a part of a bundle is overridden without ``change``, ``change`` has a part
+            that the policy lacks, or a reward is chosen without recordings.
     """
     allowed = PARTS if is_bundle else (*PARTS, "controller")
     for part in cfg.change:
@@ -80,10 +80,10 @@ def check_policy(cfg: DictConfig, is_bundle: bool) -> None:
 
 
 def check_drawing(cfg: DictConfig) -> None:
-    """Check that nothing is overridden that a recording from a file does not depend on.
+    """Check that all overrides have an effect on the drawing of a recording.
 
     Raises:
-        ValueError: If something is.
+        ValueError: If an override has no effect.
     """
     names = [name for name in cfg if name not in _OF_RECORDING]
     for key, value in _overridden(cfg, names, "play"):
@@ -93,13 +93,13 @@ def check_drawing(cfg: DictConfig) -> None:
 
 
 def check_measured(overrides: Iterable[str]) -> None:
-    """Check that no override of ``navrl-benchmark`` concerns what it never measures.
+    """Check that all overrides of ``navrl-benchmark`` have an effect.
 
     Args:
-        overrides: Of the command line.
+        overrides: Overrides of the command line.
 
     Raises:
-        ValueError: If one does.
+        ValueError: If one has no effect.
     """
     for override in overrides:
         group, _, place = override.lstrip("+~").partition("=")[0].partition("@")
@@ -111,7 +111,7 @@ def check_measured(overrides: Iterable[str]) -> None:
 def _overridden(
     cfg: DictConfig, names: Sequence[str], config_name: str = "evaluate"
 ) -> list[tuple[str, Any]]:
-    """Return values below some keys that are not the defaults."""
+    """Return values below some keys that differ from the defaults."""
     if not names:
         return []
     default, found = _defaults(config_name), flat_values(cfg)

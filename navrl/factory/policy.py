@@ -1,4 +1,4 @@
-"""From a configuration to a policy and an environment that suits it."""
+"""Construction of a policy and its environment from a configuration."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from navrl.policies import ZOO, load_bundle, zoo_names
 
 @dataclass(frozen=True)
 class EvaluatedPolicy:
-    """A policy and the environment it is to be played in.
+    """Policy with its environment for an evaluation.
 
     Args:
-        name: For the reader.
-        policy: Writes a normalised action.
-        env: Raw environment, the policy's own transforms, normalised actions.
+        name: Display name.
+        policy: Writes a normalized action.
+        env: Raw environment, the policy's own transforms, normalized actions.
     """
 
     name: str
@@ -38,9 +38,9 @@ class EvaluatedPolicy:
 
 
 def bundle_folder(policy: str) -> Path | None:
-    """Return the folder of the bundle that ``policy`` names, or ``None`` if it names none.
+    """Return the folder of the bundle named by ``policy``, or ``None``.
 
-    A bundle's own folder, a training run's folder and a name in the zoo are bundles.
+    Valid names are the folder of a bundle, the folder of a training run and a name in the zoo.
     """
     for folder in (Path(policy), Path(policy) / "policy", ZOO / policy):
         if (folder / "config.yaml").is_file() and (folder / "weights.safetensors").is_file():
@@ -54,20 +54,20 @@ def make_evaluated_policy(
     with_attention: bool = False,
     controller: Mapping[str, Any] | None = None,
 ) -> EvaluatedPolicy:
-    """Find the policy that ``cfg.policy`` names and build an environment for it.
+    """Build the policy named by ``cfg.policy`` and its environment.
 
-    A bundle brings its own transforms, lidar and robot; a controller takes the config's.
-    ``cfg.change`` changes them.
+    A bundle has its own transforms, lidar and robot; a controller uses those of the config.
+    ``cfg.change`` modifies them.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        with_attention: Whether a bundle's actor writes its attention weights too.
-        controller: Node of the controller that ``cfg.policy`` names; looked up if ``None``, which
-            a process that Hydra did not start can do for navrl's own alone.
+        with_attention: Whether a bundle's actor also writes its attention weights.
+        controller: Node of the controller named by ``cfg.policy``; looked up if ``None``. Processes
+            not started by Hydra can look up navrl's own controllers only.
 
     Raises:
-        ValueError: If there is no such policy, listing those there are; if the device is wrong; or
-            if something is overridden or changed that the policy does not have or cannot run with.
+        ValueError: If the policy does not exist (the message lists all policies), the device is not
+            allowed, or an override or change does not fit the policy.
         BundleError: If the bundle is damaged or not allowed.
     """
     folder = bundle_folder(cfg.policy)
@@ -84,10 +84,10 @@ def make_evaluated_policy(
 
 @torch.no_grad()
 def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
-    """Let the network act on zeros of the observations' shapes.
+    """Run the network on zeros of the observations' shapes.
 
     Raises:
-        ValueError: If it cannot, naming what was changed about the policy.
+        ValueError: If it fails; the message has the changes of the policy.
     """
     try:
         actor(env.full_observation_spec.zero())
@@ -101,9 +101,9 @@ def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
 
 
 def make_runner(cfg: DictConfig) -> PolicyRunner | None:
-    """Return what runs the policy on a robot, as ``cfg.change`` has it; ``None`` of a controller.
+    """Return the runner of a bundle, modified by ``cfg.change``; ``None`` for a controller.
 
-    It decides on every simulated scan, an empty one too.
+    It drives on every simulated scan, also on an empty one.
 
     Raises:
         BundleError: If the bundle is damaged or not allowed.
@@ -119,13 +119,13 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
-    """Return a copy of ``cfg`` with a bundle's own parts, changed as ``cfg.change`` says."""
+    """Return a copy of ``cfg`` with a bundle's parts, modified by ``cfg.change``."""
     own = {part: config[part] for part in PARTS}
     return _replaced(cfg, OmegaConf.merge(own, cfg.change))
 
 
 def policy_name(cfg: DictConfig) -> str:
-    """Return what the policy is called: a training's folder by its own name."""
+    """Return the name of the policy; for a training run, the name of its folder."""
     folder = bundle_folder(cfg.policy)
     if folder is None:
         return cfg.policy
@@ -134,7 +134,7 @@ def policy_name(cfg: DictConfig) -> str:
 
 def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPolicy:
     if make_device(cfg).type != "cpu":
-        raise ValueError(f"device={cfg.device}: policy={cfg.policy} plays on the CPU: device=cpu")
+        raise ValueError(f"device={cfg.device}: must be cpu for policy={cfg.policy}")
     local = with_controller(cfg, node)
     controller, env = instantiate(local.controller), _environment(local)
     try:
@@ -157,14 +157,16 @@ def controller_node(policy: str) -> dict[str, Any] | None:
     own and those of ``--config-dir``.
 
     Raises:
-        ValueError: If there is none, listing those there are.
+        ValueError: If it does not exist; the message lists all policies.
     """
     if bundle_folder(policy) is not None:
         return None
     known = options("controller")
-    if policy not in known:  # never a path: that would build a node unchecked
+    if policy not in known:  # never a path, which would build an unchecked node
         if policy in ("all", "zoo", "controllers"):
-            raise ValueError(f"policy={policy}: several, which need a sweep: navrl-evaluate -m")
+            raise ValueError(
+                f"policy={policy}: must be one policy; for several use navrl-evaluate -m"
+            )
         raise ValueError(
             f"policy={policy}: no such bundle or controller; controllers: {known}, "
             f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
@@ -199,7 +201,7 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
 
 
 def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
-    """Return a copy of ``cfg`` with whole nodes replaced, not merged into what was there."""
+    """Return a copy of ``cfg`` with whole nodes replaced instead of merged."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)
     for name, node in parts.items():

@@ -1,4 +1,4 @@
-"""From a config to an agent, a trainer and a policy bundle."""
+"""Construction of agents and trainers from a configuration; saving of policies."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
 
 
 def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
-    """Return the plain config that rebuilds the actor anywhere: sizes included, no references."""
+    """Return the plain, self-contained config of the actor, including sizes."""
     network = OmegaConf.to_container(cfg.network, resolve=True)
-    network.pop("attention", None)  # sizes that the streams refer to
-    network.pop("critic", None)  # what only the critic has
+    network.pop("attention", None)  # sizes referred to by the streams
+    network.pop("critic", None)  # critic only
     make = instantiate(cfg.network.encoder)
     needed = make(shapes=shapes).in_keys
     return {
@@ -61,13 +61,13 @@ def make_agent(
 ) -> tuple[TensorDictModule, TensorDictModule]:
     """Build actor and critic for observations of the given shapes on ``cfg.device``.
 
-    Seeds their weights, which are the same on each device.
+    The weights are seeded and equal on all devices.
     """
     torch.manual_seed(cfg.seed)
     node = actor_node(cfg, shapes)
     own = OmegaConf.to_container(cfg.network.get("critic") or OmegaConf.create(), resolve=True)
     critic = {**node, **own, "_target_": "navrl.networks.make_critic"}
-    critic.pop("saturation_penalty", None)  # only the actor ends in a tanh
+    critic.pop("saturation_penalty", None)  # only the actor has a tanh
     torch.manual_seed(cfg.seed)
     networks = instantiate(node), instantiate(critic)
     device = make_device(cfg)
@@ -75,9 +75,9 @@ def make_agent(
 
 
 def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
-    """Build what ``cfg.collector`` names; worker processes start with :meth:`Collector.start`.
+    """Build the collector; :meth:`Collector.start` starts worker processes.
 
-    Workers step their worlds and act on the CPU, wherever the learner is.
+    Workers simulate and act on the CPU, for every device of the learner.
     """
     exploration = instantiate(cfg.exploration)
     check_protocol("exploration", exploration, Exploration)
@@ -88,17 +88,17 @@ def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
 
 
 def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
-    """Wire everything that ``navrl-train`` runs.
+    """Build the trainer of ``navrl-train``.
 
     Args:
         cfg: A composed ``conf/train.yaml``.
         folder: Run folder; ``<folder>/policy`` receives the best policy so far.
 
     Returns:
-        A trainer, ready to run or to resume from the folder's checkpoint.
+        Trainer that can run, or resume from the folder's checkpoint.
     """
     make_device(cfg)
-    instantiate(deployed(cfg).transforms)  # a mistake there must not wait for the first save
+    instantiate(deployed(cfg).transforms)  # report errors now instead of at the first save
     probe = make_training_env(on_cpu(cfg), cfg.seed, num_worlds=1)
     shapes = observation_shapes(probe)
     probe.close()
@@ -121,11 +121,11 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
 
 
 class Validation:
-    """Success of the actor on fixed scenarios, at any number of pedestrians.
+    """Evaluation of the actor on fixed scenarios for any number of pedestrians.
 
     Args:
         cfg: A composed ``conf/train.yaml``.
-        actor: The policy in training, evaluated without noise.
+        actor: Policy in training, evaluated without noise.
     """
 
     def __init__(self, cfg: DictConfig, actor: TensorDictModule) -> None:
@@ -150,7 +150,7 @@ def save_policy(
     folder: Path,
     metrics: Mapping[str, float],
 ) -> None:
-    """Save the actor as a bundle that needs nothing else to run."""
+    """Save the actor as a self-contained bundle."""
     config = {part: _plain(deployed(cfg), part) for part in ("transforms", "lidar", "robot")}
     config["actor"] = actor_node(cfg, shapes)
     config["time_step_s"] = float(cfg.simulator.time_step_s)
@@ -160,9 +160,9 @@ def save_policy(
 
 
 def deployed(cfg: DictConfig) -> DictConfig:
-    """Return the configuration with the transforms that the policy is used with."""
+    """Return the configuration with the transforms of the deployed policy."""
     copy = cfg.copy()
-    OmegaConf.set_struct(copy, False)  # steps may be new
+    OmegaConf.set_struct(copy, False)  # allow new steps
     copy.transforms.merge_with(cfg.get("deployment", {}).get("transforms", {}))
     return copy
 

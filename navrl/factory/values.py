@@ -1,4 +1,4 @@
-"""The values of a configuration by their dotted names."""
+"""Values of a configuration by dotted name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 
 
 def flat_values(cfg: DictConfig) -> dict[str, Any]:
-    """Return every value of a config under its dotted name, interpolations as they are written."""
+    """Return all values of a config by dotted name, with unresolved interpolations."""
     return dict(_leaves(OmegaConf.to_container(cfg, resolve=False)))
 
 

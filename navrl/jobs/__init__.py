@@ -1,4 +1,4 @@
-"""Jobs: what the commands run, from a configuration to files in a run folder."""
+"""Jobs of the commands: from a configuration to files in a run folder."""
 
 # ruff: noqa: E402 - missing packages are reported before a module that needs them is imported
 

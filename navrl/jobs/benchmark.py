@@ -1,4 +1,4 @@
-"""From a config to the benchmark's rows."""
+"""Rows of the benchmark, built from a configuration."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ Results = Sequence[Row | Series | str]
 
 
 def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
-    """Measure the rows that ``cfg.rows`` names, in that order, and draw them.
+    """Measure the rows of ``cfg.rows``, in that order, and draw them.
 
     Args:
         cfg: A composed ``conf/benchmark.yaml``.
-        folder: Where ``benchmark.json`` grows row by row, and the picture goes in the end.
+        folder: Folder of ``benchmark.json``, updated after each row, and of the picture.
 
     Raises:
         ValueError: If a row is unknown or named twice, if none can be measured, or ``cfg.device``
@@ -53,7 +53,7 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
         raise ValueError(f"device={cfg.device}: rows=[gpu] measures a GPU, all others the cpu")
     unknown = [name for name in cfg.rows if name not in ROWS]
     if unknown or not cfg.rows or len(set(cfg.rows)) < len(cfg.rows):
-        raise ValueError(f"rows={list(cfg.rows)}: need distinct ones of {sorted(ROWS)}")
+        raise ValueError(f"rows={list(cfg.rows)}: must be distinct and from {sorted(ROWS)}")
     report = Report(benchmarks.describe_machine(), factor=cfg.effort.published_factor)
     for name in cfg.rows:
         log.info("measuring %s", name)
@@ -149,7 +149,7 @@ def _training(cfg: DictConfig) -> Results:
 
 
 def _train(cfg: DictConfig, updates: int, folder: Path) -> Path:
-    """Run a training that logs every so many updates; return its log."""
+    """Run a training that logs every ``updates`` updates; return its log."""
     cfg = cfg.copy()
     cfg.schedule.learning_starts = 4 * cfg.replay.batch_size
     cfg.schedule.log_every_updates = updates
@@ -236,10 +236,10 @@ def _budget(cfg: DictConfig) -> Budget:
 
 
 def _on_bullet(cfg: DictConfig) -> DictConfig:
-    """Return the same configuration on the reference simulator."""
+    """Return the configuration with the reference simulator."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)
-    copy.device = "cpu"  # PyBullet has no other
+    copy.device = "cpu"  # the only device of PyBullet
     copy.simulator = compose("train", ["simulator=bullet"]).simulator
     return copy
 
@@ -257,7 +257,7 @@ def _simulator(
 
 
 def _maker(cfg: DictConfig, pool: ScenarioPool | None = None) -> Callable[[int], TransformedEnv]:
-    """Return what makes environments of any number of worlds, all on the same scenarios."""
+    """Return a factory of environments with any number of worlds on the same scenarios."""
     return functools.partial(_env, cfg, make_pool(cfg) if pool is None else pool)
 
 
@@ -267,7 +267,7 @@ def _env(cfg: DictConfig, pool: ScenarioPool, num_worlds: int) -> TransformedEnv
 
 
 def _source(cfg: DictConfig, num_workers: int) -> tuple[Collector, Replay]:
-    """Return what collects in ``num_workers`` processes, or in this one alone, and a replay."""
+    """Return a collector with ``num_workers`` processes, or in this one, and a replay buffer."""
     cfg = cfg.copy()
     options = ["collector=process", f"collector.num_workers={num_workers}"]
     cfg.collector = compose("train", options if num_workers else ["collector=direct"]).collector

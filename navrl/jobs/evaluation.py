@@ -1,4 +1,4 @@
-"""Play a suite with a policy and write the results."""
+"""Evaluation job: play a suite with a policy and write the results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from navrl.worlds import Scenario
 
 
 def check_evaluation(cfg: DictConfig) -> None:
-    """Check everything about an evaluation but its policy, before a training or any episode.
+    """Check an evaluation's configuration, except the policy, before any episode.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
@@ -76,12 +76,12 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
 
 
 class _Start(NamedTuple):
-    """What is known of an evaluation before an episode is played.
+    """Facts about an evaluation before an episode is played.
 
     Args:
-        simulator: Name, with that of the pedestrians' model if they react: with other dynamics the
-            episodes are others, so no table has both.
-        is_reactive: Whether they do.
+        simulator: Name, with that of the pedestrian model if it is reactive: other dynamics make
+            other episodes, so no table has both.
+        is_reactive: Whether the pedestrian model is reactive.
         privileged: Whether the policy reads the true state.
     """
 
@@ -91,7 +91,7 @@ class _Start(NamedTuple):
 
 
 def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
-    """Report mistakes here, before scenarios are generated and in this process."""
+    """Report configuration errors in this process, before scenarios are generated."""
     check_options(cfg)
     make_metrics(cfg)
     small = cfg.copy()
@@ -107,20 +107,20 @@ def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
 
 @lru_cache(maxsize=16)
 def _scenarios(suite: str, num_workers: int) -> list[Scenario]:
-    """Generate a suite's scenarios once for all policies of a sweep: they take a fifth of its time.
+    """Return a suite's scenarios, cached for all policies of a sweep.
 
     Args:
-        suite: Its resolved configuration as YAML.
+        suite: Resolved configuration of the suite as YAML.
         num_workers: Processes that share the work.
     """
     return instantiate(OmegaConf.create(suite)).scenarios(num_workers=num_workers)
 
 
 def record(cfg: DictConfig) -> Recording:
-    """Play episode ``cfg.episode`` of ``cfg.suite`` with ``cfg.policy`` and keep all of it.
+    """Play and record episode ``cfg.episode`` of ``cfg.suite`` with ``cfg.policy``.
 
     Raises:
-        ValueError: If the suite has no such episode, or ``num_worlds`` is not 1.
+        ValueError: If the suite does not have the episode, or ``num_worlds`` is not 1.
     """
     if cfg.num_worlds != 1:
         raise ValueError(f"num_worlds={cfg.num_worlds}: one episode is played, must be 1")

@@ -1,4 +1,4 @@
-"""Whether an evaluation is finished, so that the same command need not play it again."""
+"""Detection of finished evaluations, which the same command does not repeat."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ log = logging.getLogger(__name__)
 
 
 def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
-    """Return the summary of the evaluation in ``folder`` if it needs no repetition.
+    """Return the summary of a finished evaluation in ``folder``, or ``None``.
 
     Raises:
-        ValueError: If ``folder`` holds an evaluation of another configuration, or an override is
+        ValueError: If ``folder`` has an evaluation of another configuration, or an override is
             out of range or has no effect.
     """
     check_options(cfg)
@@ -32,14 +32,14 @@ def finished_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
 
 
 def unchanged_evaluation(cfg: DictConfig, folder: Path) -> dict | None:
-    """Return the summary in ``folder`` if the same would be played again with the same result.
+    """Return the summary in ``folder`` if a repetition would give the same result.
 
-    Policy, configuration and code are compared by their hashes, and the episodes with theirs, so
-    neither the time of a file nor a part of one counts. What is missing or differs is logged.
+    Policy, configuration, code and episodes are compared by hash, so file times and incomplete
+    files are not an issue. Missing files and differences are logged.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        folder: Of the evaluation.
+        folder: Folder of the evaluation.
     """
     if not (folder / SUMMARY).exists():
         return None

@@ -1,4 +1,4 @@
-"""Hashes of everything that determines the results of an evaluation."""
+"""Hashes of all inputs that determine the results of an evaluation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,18 @@ from navrl.factory.values import flat_values
 from navrl.jobs.run_folder import result_values
 
 PACKAGE = Path(navrl.__file__).parent
-_NO_RESULT = ("algos", "training", "viz", "deploy", "benchmarks", "cli")  # nothing is played there
+_NO_RESULT = (
+    "algos",
+    "training",
+    "viz",
+    "deploy",
+    "benchmarks",
+    "cli",
+)  # not in evaluations
 
 
 def evaluation_inputs(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, str]:
-    """Return what the results of an evaluation depend on; equal inputs give equal results.
+    """Return hashes of an evaluation's inputs; equal inputs give equal results.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
@@ -41,7 +48,7 @@ def evaluation_inputs(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, s
 
 
 def bundle_files(folder: Path) -> dict[str, bytes]:
-    """Return the files of a bundle that determine what it does, by name."""
+    """Return the files of a bundle that determine its behavior, by name."""
     return {name: (folder / name).read_bytes() for name in ("config.yaml", "weights.safetensors")}
 
 
@@ -57,7 +64,7 @@ def code_hash() -> str:
 
 
 def source_hash(package: Path) -> str:
-    """Return the SHA-256 of all source below a copy of the package that takes part in playing."""
+    """Return the SHA-256 of the source files of a package that affect an evaluation."""
     found = hashlib.sha256()
     for file in sorted(package.rglob("*.py")):
         place = file.relative_to(package)
@@ -68,7 +75,7 @@ def source_hash(package: Path) -> str:
 
 
 def _own_modules(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, str]:
-    """Return hashes of the modules outside of navrl that may be built."""
+    """Return hashes of the modules outside navrl that the configuration or policy names."""
     plain = {key: part for key, part in policy.items() if not isinstance(part, bytes)}
     values = [*flat_values(cfg).items(), *flat_values(OmegaConf.create(plain)).items()]
     targets = {v for k, v in values if k.endswith("_target_") and v}
@@ -81,7 +88,7 @@ def _source_of(module: str) -> Path | None:
     try:
         spec = importlib.util.find_spec(module) if module else None
     except (ImportError, ValueError):
-        return None  # building it will report that
+        return None  # reported when it is built
     return Path(spec.origin) if spec and spec.origin and Path(spec.origin).is_file() else None
 
 
@@ -94,10 +101,10 @@ def _hash_of(values: Mapping[str, Any]) -> str:
 
 
 def policy_parts(cfg: DictConfig) -> dict[str, Any]:
-    """Return what :func:`policy_hash` takes: a bundle's files, or a node and the files it names.
+    """Return the input of :func:`policy_hash`: a bundle's files, or a node and the files it names.
 
     Raises:
-        ValueError: If there is no such policy.
+        ValueError: If the policy does not exist.
     """
     folder = bundle_folder(cfg.policy)
     if folder is None:

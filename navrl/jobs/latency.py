@@ -1,4 +1,4 @@
-"""How long a policy or controller thinks, on the episodes that it is judged by."""
+"""Latency of a policy or controller on the episodes of its evaluation."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ _SENSED = (keys.RANGES, keys.POSE, keys.PATH)
 
 
 def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
-    """Play the first ``cfg.latency`` episodes again, one world on one thread, by the clock.
+    """Time the first ``cfg.latency`` episodes, played again in one world on one thread.
 
     A bundle is timed as on a robot, from scan, pose and path to the command
-    (:class:`navrl.deploy.PolicyRunner`); a controller from what it reads to its action. What the
-    clock says is different each time, so it has a file of its own; a folder that has one of as many
+    (:class:`navrl.deploy.PolicyRunner`); a controller from its observation to its action. Latency
+    is not reproducible, so it has a separate file; a folder with such a file of the same number of
     episodes is not measured again.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml``.
-        folder: Of the evaluation, for ``latency.json``.
+        folder: Folder of the evaluation, for ``latency.json``.
 
     Returns:
-        What :func:`navrl.evaluation.metrics.controller_latency` does, and the number of
-        ``episodes``; None if none was asked for.
+        Result of :func:`navrl.evaluation.metrics.controller_latency` and the number of
+        ``episodes``; ``None`` if ``cfg.latency`` is 0.
 
     Raises:
         ValueError: If ``cfg.latency`` is negative.
@@ -69,7 +69,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
 
 
 def _measured(folder: Path) -> Mapping[str, float]:
-    """Return what was measured before; nothing of a file that is missing or damaged."""
+    """Return an earlier measurement; empty if the file is missing or damaged."""
     try:
         return read_latency(folder) or {}
     except DamagedFileError:
@@ -77,7 +77,7 @@ def _measured(folder: Path) -> Mapping[str, float]:
 
 
 class _Clock:
-    """A policy, with all else that it can, whose decisions are timed but for an episode's first."""
+    """Wrapper of a policy that times its decisions, except the first of an episode."""
 
     def __init__(self, policy: Callable, runner: PolicyRunner | None) -> None:
         self._policy, self._runner = policy, runner

@@ -1,4 +1,4 @@
-"""Play a suite chunk by chunk, in this process or in several, and go on where it was cut off."""
+"""Playing of a suite in chunks, in one or several processes, with resuming."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from navrl.jobs.run_folder import result_values
 from navrl.progress_bar import progress_bar
 from navrl.worlds import Scenario, ScenarioBatch
 
-_UNFINISHED = "unfinished"  # folder of what may be cut off
+_UNFINISHED = "unfinished"  # folder of finished chunks
 Chunk = tuple[range, list[EpisodeRecord]]
 
 
 class Playable(Protocol):
-    """A policy and the environment it plays in."""
+    """Interface of a policy with its environment."""
 
     policy: Callable[[TensorDictBase], TensorDictBase]
     env: TransformedEnv
@@ -52,22 +52,22 @@ def play_suite(
 ) -> list[EpisodeRecord]:
     """Play every scenario once.
 
-    Episodes are cut into chunks of ``cfg.num_worlds`` that are played side by side, always the
-    same ones: so neither the number of processes nor an interruption changes a result.
+    Episodes are split into fixed chunks of ``cfg.num_worlds``, each played as a batch, so neither
+    the number of processes nor an interruption changes a result.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml``.
-        scenarios: What to play.
-        folder: Of the evaluation: unfinished work and recordings go below it.
-        make: Builds policy and environment; called once in each process.
-        key: What determines the records beside the scenarios, e.g. hashes of policy and config.
+        scenarios: Scenarios to play.
+        folder: Folder of the evaluation, also for finished chunks and recordings.
+        make: Builds policy and environment; called once per process.
+        key: Other inputs that determine the records, e.g. hashes of policy and config.
 
     Returns:
         A record per scenario, in order.
 
     Raises:
         ValueError: If ``num_processes`` or ``recordings`` is not allowed.
-        RuntimeError: If a process ended by itself, e.g. for want of memory; what is finished stays.
+        RuntimeError: If a process died, e.g. for lack of memory; finished chunks are retained.
     """
     check_options(cfg)
     finished = FinishedChunks(folder / _UNFINISHED, _key(cfg, scenarios, key))
@@ -89,12 +89,12 @@ def play_suite(
 
 
 def finish(folder: Path) -> None:
-    """Remove what is kept only until the results are written."""
+    """Remove temporary files after the results are written."""
     FinishedChunks(folder / _UNFINISHED, "").clear()
 
 
 def _remove_results(folder: Path) -> None:
-    """Remove what an earlier evaluation left: beside other results it would be taken for theirs."""
+    """Remove the files of an earlier evaluation, which do not belong to the new results."""
     for name in (SUMMARY, EPISODES, LATENCY):
         (folder / name).unlink(missing_ok=True)
     for name in (ERRORS, RECORDINGS):
@@ -102,7 +102,7 @@ def _remove_results(folder: Path) -> None:
 
 
 class _Player:
-    """A policy in its environment, and where its episodes are kept."""
+    """Policy with its environment and the archive of its episodes."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chu
         return
     cfg = arguments[0].copy()
     set_default(cfg, "num_threads", max(1, num_threads(cfg) // processes))
-    # Never fork: this process may run threads of torch and of the kernels.
+    # Do not fork: this process may run threads of torch and of the kernels.
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
     with ProcessPoolExecutor(
         processes, get_context(method), _start, (cfg, *arguments[1:])
@@ -154,8 +154,8 @@ def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chu
                 yield job.result()
         except BrokenProcessPool as error:
             raise RuntimeError(
-                "a process of the evaluation ended by itself; the same command goes on after what "
-                "is finished"
+                "a process of the evaluation died; the same command resumes after the finished "
+                "episodes"
             ) from error
         finally:
             workers.shutdown(cancel_futures=True)
@@ -176,7 +176,7 @@ def _play_in_worker(chunk: range) -> Chunk:
 
 
 def _key(cfg: DictConfig, scenarios: Sequence[Scenario], key: str) -> str:
-    """Tell evaluations apart by all that determines their records."""
+    """Return a key of an evaluation from all inputs that determine its records."""
     whole = hashlib.sha256(json.dumps(result_values(cfg), sort_keys=True, default=str).encode())
     whole.update(f"{navrl.__version__} {key} {cfg.get('recordings', 'none')}".encode())
     for scenario in scenarios:

@@ -1,4 +1,4 @@
-"""From a finished run to a bundle that others can judge: scores, command, machine, curve."""
+"""Publishing of a run's best policy as a bundle with a model card."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CURVE_COLUMNS = {
     "evaluation/collision_static_rate": "into a wall",
     "evaluation/timeout_rate": "timeout",
 }
-_SHOWN = 10  # lines of the curve in the card
+_SHOWN = 10  # maximum rows of the curve in the card
 _NOT_OF_THE_RUN = ("hydra.", "resume=", "progress_bar=")
 
 
@@ -35,25 +35,24 @@ def publish(
     about: str = "",
     half: bool = False,
 ) -> Path:
-    """Make a bundle of a training run's best policy, with a card that says what it is worth.
+    """Write a bundle of a run's best policy and a model card with scores and provenance.
 
     Args:
         run: Folder of ``navrl-train``.
         out: Folder of the bundle, named like the policy.
-        evaluations: Folders of ``navrl-evaluate`` with this policy; all below them is taken.
-        about: A sentence on what the policy is.
-        half: Whether weights are stored as float16, in half the space. What then is evaluated
-            should be this bundle, not the run.
+        evaluations: Folders of ``navrl-evaluate`` with this policy, searched recursively.
+        about: A sentence that describes the policy.
+        half: Whether weights are stored as float16, in half the space. Then evaluate this bundle
+            instead of the run.
 
     Returns:
-        ``out``, with the learning curve in ``curve.csv`` beside the bundle's own files.
+        ``out``, with the bundle's files and the learning curve in ``curve.csv``.
 
     Raises:
-        BundleError: If the run holds no policy, or a damaged one.
+        BundleError: If the run has no policy, or a damaged one.
         FileNotFoundError: If the run has no log.
-        ValueError: If there is no evaluation in one of the folders, or one of another policy than
-            the run's or that of a bundle already in ``out``, or the policy's metrics do not say how
-            long it was trained.
+        ValueError: If a folder has no evaluation, or one of another policy than the run's or that
+            of an existing bundle in ``out``, or the policy's metrics lack the duration of training.
     """
     run, out = Path(run), Path(out)
     bundle = load_bundle(run / "policy")
@@ -77,10 +76,10 @@ def publish(
 
 
 def _check_policy(evaluations: Sequence[Evaluation], bundles: Sequence[Path]) -> None:
-    """Compare the policy that was evaluated with bundles, of evaluations that recorded its hash.
+    """Check that evaluations with a policy hash belong to one of the bundles.
 
     Raises:
-        ValueError: If it is none of them, or something was changed about it.
+        ValueError: If the policy is another one, or was modified by ``change``.
     """
     known = {policy_hash(bundle_files(folder)) for folder in bundles}
     for evaluation in evaluations:
@@ -108,7 +107,7 @@ def _origin(run: Path, metrics: dict) -> str:
     remedy = "restore it, or write [] into it and the command into the card"
     overrides = map(str, read_yaml(run / ".hydra" / "overrides.yaml", remedy, list))
     words = [word for word in overrides if not word.startswith(_NOT_OF_THE_RUN)]
-    command = " ".join(shlex.join(["navrl-train", *words]).split("\n"))  # a line ends no fence
+    command = " ".join(shlex.join(["navrl-train", *words]).split("\n"))  # no line breaks
     parts = "; ".join(map(markdown_text, recorded_origins(run))) or "origin not recorded"
     missing = [n for n in ("seconds", "updates", "frames") if not is_number(metrics.get(n), 0)]
     if missing:
@@ -152,9 +151,10 @@ def _rate(summary: dict, name: str) -> str:
 
 def _curve_table(curve: Sequence[dict[str, str]]) -> str:
     step = -(-len(curve) // _SHOWN) or 1
-    shown = curve[::-1][::step][::-1]  # the last one always
+    shown = curve[::-1][::step][::-1]  # includes the last one
     lines = [
-        f"Learning curve on the validation episodes at the level of the time ({CURVE} has all):",
+        "Learning curve on the validation episodes at the curriculum level of the time "
+        f"({CURVE} has all):",
         "",
         "| " + " | ".join(_CURVE_COLUMNS.values()) + " |",
         "|" + "---|" * len(_CURVE_COLUMNS),

@@ -1,4 +1,4 @@
-"""The configuration that a resumed run goes on with: its own, unless the command may change it."""
+"""Configuration of a resumed run: its own, except for values the command may change."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from navrl.factory.values import flat_values
 from navrl.files import write_text
 from navrl.jobs.run_folder import CONFIG_FILE, HARMLESS, differences
 
-_RECORD = Path("checkpoint") / CONFIG_FILE  # the configuration that made the checkpoint
+_RECORD = Path("checkpoint") / CONFIG_FILE  # the configuration of the checkpoint
 
 
 def record_config(cfg: DictConfig, folder: Path) -> None:
-    """Store beside the checkpoint what the run is made with, so that an edit is noticed."""
+    """Store the run's configuration with the checkpoint, to detect later edits."""
     if not (folder / _RECORD).is_file():
         write_text(folder / _RECORD, OmegaConf.to_yaml(cfg))
 
@@ -24,17 +24,17 @@ def record_config(cfg: DictConfig, folder: Path) -> None:
 def resumed_config(folder: Path, cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
     """Return the configuration of the run in ``folder``.
 
-    ``device`` and values that change no result, such as ``num_threads``, are taken from the
-    command. Any other value of the command must be the run's own.
+    ``device`` and values that do not change results, such as ``num_threads``, are taken from the
+    command. Any other value of the command must equal the run's.
 
     Args:
         folder: Run folder.
-        cfg: As the command composed it.
-        overrides: Of the command.
+        cfg: Configuration composed by the command.
+        overrides: Overrides of the command.
 
     Raises:
-        ValueError: If there is no run, if its ``config.yaml`` was edited since it began, or if the
-            command asks for another value than the run has.
+        ValueError: If there is no run, if its ``config.yaml`` was edited since the run began, or if
+            a value of the command differs from the run's.
     """
     file = folder / CONFIG_FILE
     if not file.is_file():
@@ -66,14 +66,14 @@ def _load(file: Path) -> DictConfig:
     try:
         config = OmegaConf.load(file)
     except yaml.YAMLError as error:
-        raise ValueError(f"{file}: damaged, no YAML ({error})") from error
+        raise ValueError(f"{file}: damaged, not YAML ({error})") from error
     if not isinstance(config, DictConfig) or not config:
-        raise ValueError(f"{file}: damaged, need a mapping")
+        raise ValueError(f"{file}: damaged, must be a mapping")
     return config
 
 
 def _check_unedited(run: DictConfig, folder: Path) -> None:
-    """Compare ``config.yaml`` with the record of it; runs from before have none."""
+    """Compare ``config.yaml`` with its stored copy, which older runs lack."""
     started = folder / _RECORD
     if not started.is_file():
         return
@@ -89,7 +89,7 @@ def _check_unedited(run: DictConfig, folder: Path) -> None:
 
 
 def _given(cfg: DictConfig, overrides: Sequence[str]) -> set[str]:
-    """Return the keys that a command sets; ``""``, for all, if it chooses a whole experiment."""
+    """Return the keys that a command sets; ``""`` (all) if it selects an experiment."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     names = {key.rpartition("@")[2].replace("/", ".") for key in keys} - {"resume"}
     known = flat_values(cfg)

@@ -1,4 +1,4 @@
-"""A job's folder: the configuration it was started with, so that the same command goes on in it."""
+"""Folder of a job with the configuration of its start, checked when it is resumed."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from navrl.factory.values import flat_values
 from navrl.files import write_text
 
 CONFIG_FILE = "config.yaml"
-# Neither how it is played, nor what is kept or checked of it, changes a result.
+# Keys that do not change results.
 HARMLESS = {"num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume"}
 _CHECKS = ("suite.version",)
 
 
 def claim_folder(cfg: DictConfig, folder: Path) -> None:
-    """Write ``cfg`` to ``folder/config.yaml``, or see that the same is there already.
+    """Write ``cfg`` to ``folder/config.yaml``, or check that the existing one is equal.
 
-    Two configurations in one folder would mix their results; a job of a sweep that is started
-    again finds its own. Hold :func:`navrl.jobs.run_lock.locked` meanwhile.
+    Two configurations in one folder would mix their results; a restarted job of a sweep finds its
+    own configuration. Call this while holding :func:`navrl.jobs.run_lock.locked`.
 
     Args:
-        cfg: What is about to run.
-        folder: Where its results go; made if it is missing.
+        cfg: Configuration of the job.
+        folder: Folder of its results; created if missing.
 
     Raises:
-        ValueError: If another configuration has run there, naming what differs.
+        ValueError: If the folder has another configuration; the message lists the differences.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / CONFIG_FILE
@@ -39,7 +39,7 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
         if different:
             shown = "; ".join(different[:3]) + ("; ..." if len(different) > 3 else "")
             raise ValueError(
-                f"{folder}: holds a run of another configuration ({shown}); choose another "
+                f"{folder}: has a run of another configuration ({shown}); choose another "
                 "hydra.run.dir or hydra.sweep.dir"
             )
     write_text(file, OmegaConf.to_yaml(cfg))
@@ -55,7 +55,7 @@ def _matters(name: str) -> bool:
 
 
 def differences(there: dict[str, Any], here: dict[str, Any]) -> list[tuple[str, Any, Any]]:
-    """Return name and both values of what may change a result; ``"missing"`` of a missing one."""
+    """Return name and both values of differences; ``"missing"`` for a missing value."""
     pairs = [
         (name, there.get(name, "missing"), here.get(name, "missing"))
         for name in {**there, **here}

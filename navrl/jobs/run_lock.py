@@ -1,4 +1,4 @@
-"""One process at a time in a folder of results, held by a lock of the operating system."""
+"""Lock of a results folder by the operating system, for one process at a time."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 _FILE = ".lock"
-_held: set[int] = set()  # descriptors; a forked child closes its copies, which would keep the lock
+_held: set[int] = set()  # descriptors; a forked child closes its copies, which would hold the lock
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder of results; made if it is missing.
+    """Hold the lock of a results folder, which is created if missing.
 
-    The operating system releases the lock when the process ends, however it ends.
+    The operating system releases the lock when the process ends, for any reason.
 
     Args:
         folder: Run folder or folder of an evaluation.
 
     Raises:
-        ValueError: If another process holds it, naming that process.
+        ValueError: If another process holds it; the message names the process.
     """
     folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder / _FILE, os.O_RDWR | os.O_CREAT, 0o644)
@@ -47,7 +47,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def new_folder(folder: Path) -> Path:
-    """Make a folder that no other process has: ``folder``, else ``folder_2``, ``folder_3``, ..."""
+    """Create a new folder: ``folder``, or ``folder_2``, ``folder_3``, ... if it exists."""
     for number in count(1):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}_{number}")
         try:

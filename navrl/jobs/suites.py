@@ -1,4 +1,4 @@
-"""The suites that are frozen: which there are, and what freezes and checks them."""
+"""Listing, checking and freezing of suites."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from navrl.worlds.frozen import FROZEN, frozen_episodes
 
 @dataclass(frozen=True)
 class FrozenSuite:
-    """A suite whose episodes are frozen, and the words that choose it.
+    """Frozen suite with the overrides that select it.
 
     Args:
-        overrides: Of ``navrl-evaluate``, e.g. ``("suite=table1",)``.
-        suite: The same, built.
+        overrides: Overrides of ``navrl-evaluate``, e.g. ``("suite=table1",)``.
+        suite: The suite.
     """
 
     overrides: tuple[str, ...]
@@ -29,29 +29,29 @@ class FrozenSuite:
 
 
 def frozen_suites(names: list[str] | None = None) -> list[FrozenSuite]:
-    """Return every frozen suite: those of ``conf/suite`` and each level of the sweeps over them.
+    """Return all frozen suites: those of ``conf/suite`` and each level of the sweeps.
 
     Args:
-        names: Only these; all if empty or ``None``.
+        names: Names to select; all if empty or ``None``.
 
     Raises:
-        ValueError: If there is none of a name.
+        ValueError: If a name does not exist.
     """
     found: dict[str, FrozenSuite] = {}
     for overrides in _choices():
         suite = instantiate(compose("evaluate", list(overrides)).suite)
         known = found.get(suite.name)
         longer = known is None or suite.num_episodes > known.suite.num_episodes
-        if suite.version is not None and longer:  # table1 stands for its first 200 too
+        if suite.version is not None and longer:  # table1 includes table1_200
             found[suite.name] = FrozenSuite(tuple(overrides), suite)
     unknown = sorted(set(names or ()) - found.keys())
     if unknown:
-        raise ValueError(f"names={unknown}: no such suite; there are {', '.join(sorted(found))}")
+        raise ValueError(f"names={unknown}: must be some of {', '.join(sorted(found))}")
     return [found[name] for name in sorted(names or found)]
 
 
 def check_frozen(entry: FrozenSuite, num_workers: int = 1) -> None:
-    """Generate a suite's episodes anew and compare them with the frozen ones.
+    """Regenerate a suite's episodes and compare them with the frozen ones.
 
     Raises:
         FrozenSuiteError: If they differ.
@@ -60,14 +60,14 @@ def check_frozen(entry: FrozenSuite, num_workers: int = 1) -> None:
 
 
 def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
-    """Freeze a suite under its version; what is frozen already is compared, never replaced.
+    """Freeze a suite under its version; an existing one is compared and never replaced.
 
     Returns:
-        Whether it was written, ``False`` if it was frozen before.
+        Whether it was written; ``False`` if it was already frozen.
 
     Raises:
-        FrozenSuiteError: If its version is frozen with other episodes: raise the version in
-            ``conf/suite`` first.
+        FrozenSuiteError: If its version is frozen with other episodes; increase the version in
+            ``conf/suite`` then.
     """
     suite = entry.suite
     file = FROZEN / f"{suite.name}.json"
@@ -77,7 +77,7 @@ def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
     unchecked = copy.copy(suite)
     unchecked.version = None
     scenarios = unchecked.scenarios(num_workers=num_workers)
-    lengths = [200] if len(scenarios) > 200 else []  # table1_200 has a hash of its own
+    lengths = [200] if len(scenarios) > 200 else []  # table1_200 has its own hash
     FrozenEpisodes.of(suite.name, suite.version, scenarios, lengths).save()
     frozen_episodes.cache_clear()
     return True

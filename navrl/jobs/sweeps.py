@@ -1,6 +1,6 @@
-"""What surrounds a sweep: what ``policy=all`` means, how jobs are called, one table at the end.
+"""Hydra callbacks of sweeps: expansion of ``policy=all``, folder names, final table.
 
-Hydra calls these before and after the jobs of ``-m``; the config names them as its callbacks.
+Hydra calls them before and after the jobs of ``-m``.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ log = logging.getLogger(__name__)
 
 
 class ExpandPolicies(Callback):
-    """Let ``policy=all`` (or ``zoo``, or ``controllers``) stand for what there is.
+    """Callback that expands ``policy=all``, ``zoo`` and ``controllers``.
 
-    The word may be one of several: ``policy=zoo,pure_pursuit,outputs/train/mine``.
+    They may be part of a list: ``policy=zoo,pure_pursuit,outputs/train/mine``.
     """
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Replace the word in the command's overrides."""
+        """Expand the command's override."""
         overrides = list(config.hydra.overrides.task)
         with read_write(config.hydra.overrides):
             config.hydra.overrides.task = [_expanded(override) for override in overrides]
 
 
 class NewFolder(Callback):
-    """Give each command a folder of its own, also those that start within one second.
+    """Callback that gives each command a new folder, also within the same second.
 
-    Only a folder that is named by the time is new; one that the user names may be there already.
+    Only a folder named by time must be new; a folder named by the user may exist.
     """
 
     def on_run_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Make the folder of a single job."""
+        """Create the folder of a single job."""
         if _is_named_by_time(config.hydra.run):
             with read_write(config.hydra.run):
                 config.hydra.run.dir = str(new_folder(Path(config.hydra.run.dir)))
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Make the folder of a sweep, whose jobs compose their configurations anew."""
+        """Create the folder of a sweep, whose jobs compose their own configurations."""
         if _is_named_by_time(config.hydra.sweep):
             folder = str(new_folder(Path(config.hydra.sweep.dir)))
             with read_write(config.hydra):
@@ -58,13 +58,13 @@ class NewFolder(Callback):
 
 
 class NameJobs(Callback):
-    """Call a job's folder only by what differs between jobs.
+    """Callback that names a job's folder by the overrides that differ between jobs.
 
-    What all jobs share would make every name long and tell none from another.
+    Shared overrides would make names longer without distinguishing jobs.
     """
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Leave the overrides that are no choice out of ``hydra.job.override_dirname``."""
+        """Exclude shared overrides from ``hydra.job.override_dirname``."""
         parsed = OverridesParser.create().parse_overrides(list(config.hydra.overrides.task))
         shared = [override.key_or_group for override in parsed if not override.is_sweep_override()]
         key = "hydra.job.config.override_dirname.exclude_keys"
@@ -74,18 +74,18 @@ class NameJobs(Callback):
 
 
 class CompareEvaluations(Callback):
-    """Write one table of all evaluations in the sweep's folder, and print it.
+    """Callback that writes and prints one table of all evaluations of the sweep's folder.
 
     Args:
-        reference: The policy that the others are compared with; ``None`` is ``paper`` or, without
-            it, the best that does not read the true state.
+        reference: Policy that the others are compared with; ``None`` uses ``paper`` or, without it,
+            the best that is not privileged.
     """
 
     def __init__(self, reference: str | None = None) -> None:
         self.reference = reference
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Read what the jobs left, and jobs of the same folder before them."""
+        """Compare the evaluations of this sweep and of earlier jobs in the same folder."""
         folder = Path(config.hydra.sweep.dir)
         tables = compare(find_evaluations([folder]), self.reference)
         files = write_comparison(tables, folder)
@@ -94,9 +94,9 @@ class CompareEvaluations(Callback):
 
 
 def expand_policies(names: list[str]) -> list[str]:
-    """Return ``names`` with ``all``, ``zoo`` and ``controllers`` replaced by what they stand for.
+    """Return ``names`` with ``all``, ``zoo`` and ``controllers`` expanded.
 
-    A controller whose optional dependency is missing is left out with a warning.
+    A controller whose optional dependency is missing is skipped with a warning.
     """
     if not {"all", "controllers"} & set(names):
         missing: dict[str, list[str]] = {}
@@ -108,7 +108,7 @@ def expand_policies(names: list[str]) -> list[str]:
     for name, packages in missing.items():
         if packages:
             needed = ", ".join(packages)
-            log.warning("%s is left out: it needs %s, which is not installed", name, needed)
+            log.warning("%s is skipped: it needs %s, which is not installed", name, needed)
     return list(dict.fromkeys(expanded))
 
 

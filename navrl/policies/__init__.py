@@ -1,4 +1,4 @@
-"""Policies: trained bundles, the zoo that ships with the package, and classical controllers."""
+"""Policies: trained bundles, the zoo of the package, and classical controllers."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from navrl.policies.controller import Controller
 from navrl.policies.predicting import PredictingPolicy, StableBaselines3Policy
 
 ZOO = Path(__file__).parent / "zoo"
-"""Bundles that ship with the package, one folder each."""
+"""Folder of the bundles of the package, one folder each."""
 
 __all__ = [
     "ZOO",

@@ -1,16 +1,16 @@
-"""A policy bundle: weights and all that is needed to run them, in one folder.
+"""Policy bundles: folders with weights and everything needed to run them.
 
 ========================  ===================================================================
 file                      content
 ========================  ===================================================================
 ``config.yaml``           resolved nodes: ``transforms``, ``actor``, ``lidar``, ``robot``
 ``weights.safetensors``   the actor's weights
-``metrics.json``          what it scored when it was saved
-``card.md``               where it comes from, for people
+``metrics.json``          scores at the time of saving
+``card.md``               model card: provenance and scores
 ========================  ===================================================================
 
-A bundle may come from a stranger: loading runs no pickle, resolves no interpolation and builds only
-the transforms, networks, lidars and robots that navrl exports.
+A bundle may be untrusted: loading uses no pickle, resolves no interpolation and builds only the
+transforms, networks, lidars and robots that navrl exports.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ _REMEDY = "get the bundle again, or save it again"
 
 @dataclass(frozen=True)
 class PolicyBundle:
-    """A loaded policy.
+    """Loaded policy bundle.
 
     Args:
-        folder: Where it was loaded from.
-        config: Plain nodes by part.
+        folder: Folder of the bundle.
+        config: Plain configuration nodes by part.
         actor: Writes ``action`` in [-1, 1], weights loaded, in evaluation mode.
-        metrics: What it scored when it was saved.
-        allow: Packages beside navrl's parts whose targets may be built.
+        metrics: Scores at the time of saving.
+        allow: Trusted packages, besides navrl's parts, whose targets may be built.
     """
 
     folder: Path
@@ -62,11 +62,11 @@ class PolicyBundle:
     allow: tuple[str, ...]
 
     def build(self, part: str, **overrides: Any) -> Any:
-        """Build ``transforms``, ``actor``, ``lidar`` or ``robot`` anew."""
+        """Build a new ``transforms``, ``actor``, ``lidar`` or ``robot``."""
         return build_node({**self.config[part], **overrides}, self.allow, part)
 
     def actor_with_attention(self) -> TensorDictModule:
-        """Return the actor with its attention weights as further outputs."""
+        """Return the actor with its attention weights as additional outputs."""
         actor = self.build("actor", with_attention=True)
         actor.load_state_dict(self.actor.state_dict())
         return actor.eval()
@@ -80,20 +80,19 @@ def save_bundle(
     metrics: Mapping[str, Any],
     card: str,
 ) -> None:
-    """Write a bundle; an existing one is replaced only once the new one is complete.
+    """Write a bundle; an existing one is replaced when the new one is complete.
 
     Args:
-        folder: Where to.
-        config: Plain nodes for ``transforms``, ``actor``, ``lidar`` and ``robot``; what else it
-            holds is kept too.
-        actor: Whose weights are saved.
-        metrics: Plain numbers.
-        card: Markdown.
+        folder: Destination.
+        config: Plain nodes for ``transforms``, ``actor``, ``lidar`` and ``robot``; other keys are
+            saved too.
+        actor: Network whose weights are saved.
+        metrics: Scores, plain numbers.
+        card: Model card in Markdown.
 
     Raises:
-        OSError: If a file cannot be written; the bundle that was there stays.
-        ValueError: If a part is missing or holds what is not plain data, or if a weight is not
-            finite.
+        OSError: If a file cannot be written; an existing bundle is retained.
+        ValueError: If a part is missing or is not plain data, or if a weight is not finite.
     """
     check_finite_weights(actor, "actor")
     missing = [part for part in _PARTS if part not in config]
@@ -127,8 +126,8 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
 
     Args:
         folder: Bundle folder.
-        allow: Packages whose targets may be built too. Name only those you trust: their code is
-            run.
+        allow: Additional packages whose targets may be built. Name only those you trust: their code
+            is run.
 
     Raises:
         BundleError: If a file is missing, damaged or of another format, if the weights do not fit
@@ -138,7 +137,7 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
         ValueError: If ``allow`` is a single name.
     """
     if isinstance(allow, str):
-        raise ValueError(f"allow={allow!r}: need a list of packages")
+        raise ValueError(f"allow={allow!r}: must be a list of packages")
     folder, allow = Path(folder), tuple(allow)
     config = _read_config(folder / "config.yaml")
     for part in _PARTS:
@@ -148,7 +147,7 @@ def load_bundle(folder: str | Path, allow: Sequence[str] = ()) -> PolicyBundle:
     check_weights(config["actor"], folder / "weights.safetensors", allow)
     actor = build_node(config["actor"], allow, "actor")
     if not isinstance(actor, TensorDictModule):
-        raise BundleError(f"actor: need a TensorDictModule, got {type(actor).__name__}")
+        raise BundleError(f"actor: must be a TensorDictModule, got {type(actor).__name__}")
     _load_weights(actor, folder / "weights.safetensors")
     bundle = PolicyBundle(folder, config, actor.eval(), metrics, allow)
     for part in KINDS:
@@ -166,7 +165,7 @@ def _read(reader: Callable[[Path, str], dict[str, Any]], file: Path) -> dict[str
 
 
 def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
-    """Return what the bundle in ``folder`` scored when it was saved; ``None`` without a bundle.
+    """Return the saved scores of the bundle in ``folder``; ``None`` without a bundle.
 
     Raises:
         BundleError: If the file of the scores is missing or damaged.
@@ -178,7 +177,7 @@ def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
 def _read_config(file: Path) -> dict[str, Any]:
     config = _read(read_yaml, file)
     if config.get("format") != FORMAT:
-        raise BundleError(f"{file}: format {config.get('format')!r}, need {FORMAT!r}")
+        raise BundleError(f"{file}: format={config.get('format')!r}: must be {FORMAT!r}")
     missing = [part for part in _PARTS if not isinstance(config.get(part), dict)]
     if missing:
         raise BundleError(f"{file}: missing {missing}")

@@ -1,8 +1,8 @@
-"""Bounds on a bundle's numbers: loading a stranger's bundle allocates what its files hold.
+"""Bounds on a bundle's values, so that loading it allocates little memory.
 
-A network is first built without memory and compared with the shapes that the weights' file lists,
-so its size is bounded by that file. All other sizes are bounded by their names, and products of
-them by the transforms that allocate them.
+A network is first built without memory and compared with the shapes of the weights file, so its
+size is bounded by that file. All other sizes are bounded by name, and products of them by the
+transforms that allocate them.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from torch import Tensor, nn
 
 from navrl.policies.nodes import BundleError, build_node, reason, walk
 
-_MAX_NUMBER = 100_000  # of any whole number: a layer's units
-_MAX_TEXT = 1_000  # characters of any text: keys and names
-_MAX_DEPTH = 50  # of nodes in nodes; those of the zoo have 8
+_MAX_NUMBER = 100_000  # maximum integer: a sensor's beams, a layer's units
+_MAX_TEXT = 1_000  # maximum number of characters: keys and names
+_MAX_DEPTH = 50  # maximum nesting of nodes; the zoo has 8
 _MAX = {
     "num_beams": 10_000,  # alignment compares each point with each
     "num_points": 10_000,
     "num_groups": 10_000,
     "num_waypoints": 10_000,
-    "num_scans": 100,  # past scans, each with all of its points
-    "max_iterations": 10_000,  # of ICP, in every step
+    "num_scans": 100,  # past scans with all points
+    "max_iterations": 10_000,  # ICP iterations per step
 }
-"""Largest value by name, far above what a robot's controller can afford."""
+"""Maximum value by name, far above practical values."""
 
 
 def check_limits(value: Any, place: str) -> None:
-    """Hold every number and text of a config to the bounds, before anything of it is built.
+    """Check every number and text of a config against the bounds before building it.
 
     Args:
         value: Plain data.
         place: Name of ``value`` in messages.
 
     Raises:
-        BundleError: At the first value beyond its bound, naming it.
+        BundleError: If a value exceeds its bound; the message names the first one.
     """
     for where, item in walk(value, place):
         name = where.rpartition(".")[2].partition("[")[0]
@@ -55,14 +55,14 @@ def check_limits(value: Any, place: str) -> None:
 
 
 def check_weights(node: Any, file: Path, allow: Sequence[str]) -> None:
-    """Compare an actor's parameters with those that a file lists, before either takes memory.
+    """Compare an actor's parameters with the shapes in a file before allocating memory.
 
-    An actor of the user's own package may not be built without memory; then the bounds of
-    :func:`check_limits` are all there is, as the user trusts the package.
+    If an actor of the user's own package cannot be built without memory, only the bounds of
+    :func:`check_limits` apply, since the user trusts the package.
 
     Args:
-        node: Of the actor.
-        file: Its weights, ``.safetensors``.
+        node: Configuration node of the actor.
+        file: Weights file, ``.safetensors``.
         allow: See :func:`navrl.policies.load_bundle`.
 
     Raises:
@@ -76,7 +76,7 @@ def check_weights(node: Any, file: Path, allow: Sequence[str]) -> None:
         if allow:
             return
         raise
-    if isinstance(actor, nn.Module):  # anything else is reported by the caller
+    if isinstance(actor, nn.Module):  # the caller reports other types
         put_weights(actor, weights, file)
 
 
@@ -84,7 +84,7 @@ def put_weights(actor: nn.Module, weights: Mapping[str, Tensor], file: Path) -> 
     """Load weights into an actor.
 
     Raises:
-        BundleError: If they do not fit, naming ``file`` and the first that does not.
+        BundleError: If they do not fit; the message has ``file`` and the first mismatch.
     """
     try:
         actor.load_state_dict(weights)
@@ -95,7 +95,7 @@ def put_weights(actor: nn.Module, weights: Mapping[str, Tensor], file: Path) -> 
 
 
 def _shapes(file: Path) -> dict[str, Tensor]:
-    """Return tensors without memory of the shapes that a file lists."""
+    """Return meta tensors with the shapes listed in a file."""
     try:
         with safe_open(file, framework="pt") as weights:
             shapes = {name: weights.get_slice(name).get_shape() for name in weights.keys()}  # noqa: SIM118

@@ -1,4 +1,4 @@
-"""Build objects from plain nodes that a stranger may have written."""
+"""Safe construction of objects from untrusted configuration nodes."""
 
 from __future__ import annotations
 
@@ -8,43 +8,43 @@ from functools import partial
 from typing import Any
 
 PARTS_OF_A_POLICY = ("navrl.transforms", "navrl.networks", "navrl.sim")
-"""What these packages export may always be built: it computes, it opens and runs nothing else."""
+"""Packages whose exports may always be built: they only compute."""
 
-_NO_PARTS = ("BatchedSimulator", "BulletSimulator", "Simulator")  # these start engines and windows
+_NO_PARTS = ("BatchedSimulator", "BulletSimulator", "Simulator")  # they start engines and windows
 
 
 class BundleError(ValueError):
-    """A folder is no usable policy bundle; the message says why."""
+    """Error for a folder that is not a usable policy bundle."""
 
 
 def reason(error: Exception) -> str:
-    """Return why a file of a bundle cannot be read, without its name."""
+    """Return the reason why a file of a bundle cannot be read, without its name."""
     if isinstance(error, FileNotFoundError):
         return "no such file"
     return getattr(error, "strerror", None) or str(error)
 
 
 def check_nodes(value: Any, allow: Sequence[str], place: str) -> None:
-    """Hold a config to what may be built, before anything of it is.
+    """Check that all targets of a config may be built, before building it.
 
     Args:
         value: Plain data with nodes (``_target_`` + arguments) at any depth.
-        allow: Packages beside those of :data:`PARTS_OF_A_POLICY` whose targets may be built.
+        allow: Additional packages to :data:`PARTS_OF_A_POLICY` whose targets may be built.
         place: Name of ``value`` in messages.
 
     Raises:
-        BundleError: At the first target that is not allowed, and at an interpolation: omegaconf
-            would resolve ``${oc.create:...}`` to a node that was never checked.
+        BundleError: If a target is not allowed, or if there is an interpolation: omegaconf would
+            resolve ``${oc.create:...}`` to an unchecked node.
     """
     for where, item in walk(value, place):
         if isinstance(item, str) and "${" in item:
-            raise BundleError(f"{where}={item!r}: a bundle is resolved, it has no interpolations")
+            raise BundleError(f"{where}={item!r}: must not be an interpolation in a bundle")
         if isinstance(item, dict) and "_target_" in item:
             resolve(item["_target_"], allow, where)
 
 
 def build_node(node: Any, allow: Sequence[str], place: str) -> Any:
-    """Call the target of a node, those of its arguments first; ``_partial_`` keeps it uncalled.
+    """Build a node and the nodes in its arguments; ``_partial_`` returns a partial function.
 
     Raises:
         BundleError: If a target is not allowed or does not take its arguments.
@@ -61,28 +61,28 @@ def build_node(node: Any, allow: Sequence[str], place: str) -> Any:
         return partial(make, **built)
     try:
         return make(**built)
-    except Exception as error:  # whatever a stranger's numbers provoke
+    except Exception as error:  # untrusted values can cause any error
         raise BundleError(f"{place}: {type(error).__name__}: {error}") from error
 
 
 def resolve(target: Any, allow: Sequence[str], place: str) -> Any:
-    """Return the class or function that a target names, if it may be built.
+    """Return the class or function of a target, if it may be built.
 
-    The name alone proves nothing (``navrl.policies.nodes.partial`` starts with ``navrl`` too), nor
-    does being defined in navrl: ``navrl.policies.load_bundle`` would load another bundle with
-    everything allowed. So it must be defined in, and exported by, a package of parts.
+    Neither the name (``navrl.policies.nodes.partial`` also starts with ``navrl``) nor a definition
+    in navrl is sufficient: ``navrl.policies.load_bundle`` would load another bundle without checks.
+    So a target must be defined in, and exported by, one of the allowed packages.
 
     Args:
         target: Dotted name.
-        allow: Packages all of which is allowed.
-        place: Where the target stands, for messages.
+        allow: Packages without restriction.
+        place: Name of the node in messages.
 
     Raises:
-        BundleError: If it may not, or if there is no such thing.
+        BundleError: If it may not be built or does not exist.
     """
     refused = (
-        f"{place}._target_={target!r}: only what {', '.join(PARTS_OF_A_POLICY)} export is built"
-        f"{f', and all of {list(allow)}' if allow else ''}; allow its package if you trust it"
+        f"{place}._target_={target!r}: must be exported by {', '.join(PARTS_OF_A_POLICY)}"
+        f"{f', or be in {list(allow)}' if allow else ''}; allow its package if you trust it"
     )
     if not isinstance(target, str) or _package(target, (*PARTS_OF_A_POLICY, *allow)) is None:
         raise BundleError(refused)
@@ -100,7 +100,7 @@ def resolve(target: Any, allow: Sequence[str], place: str) -> Any:
 
 
 def _package(name: str, packages: Sequence[str]) -> str | None:
-    """Return the package that a dotted name lies in."""
+    """Return the package that contains a dotted name, or ``None``."""
     return next((p for p in packages if name == p or name.startswith(f"{p}.")), None)
 
 
@@ -112,7 +112,7 @@ def _is_exported_part(found: Any, home: str) -> bool:
 
 
 def walk(value: Any, place: str) -> Iterator[tuple[str, Any]]:
-    """Yield plain data and all that is in it, each with its dotted place."""
+    """Yield plain data and all nested values, each with its dotted name."""
     yield place, value
     if isinstance(value, dict):
         for key, item in value.items():

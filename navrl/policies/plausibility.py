@@ -1,4 +1,4 @@
-"""Checks of a bundle's weights and of its robot's limits."""
+"""Plausibility checks of a bundle's weights and of its robot's limits."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from navrl.policies.nodes import BundleError
 from navrl.sim import DifferentialDrive, Lidar, RobotModel
 
 KINDS = {"transforms": Transform, "lidar": Lidar, "robot": RobotModel}
-"""Type of each part of a bundle beside the actor."""
+"""Type of each part of a bundle except the actor."""
 
 MAX_SPEED = 10.0
-"""m/s, largest speed that a bundle may ask for; the fastest indoor bases reach 3."""
+"""Maximum speed of a bundle's robot, m/s; the fastest indoor bases reach 3."""
 MAX_TURN_RATE = 8.0 * math.pi
-"""rad/s, largest turn rate that a bundle may ask for; a Kobuki reaches pi."""
+"""Maximum turn rate of a bundle's robot, rad/s; a Kobuki reaches pi."""
 
 
 def check_weights_kind(weights: Mapping[str, Tensor], actor: nn.Module, place: str) -> None:
     """Check that stored weights are floating point where the actor's are.
 
     Args:
-        weights: As stored.
-        actor: Where they are to be loaded.
+        weights: Stored weights.
+        actor: Actor that will load them.
         place: Name of the weights in messages.
 
     Raises:
-        BundleError: If integers are stored for a floating-point weight, or the reverse; PyTorch
+        BundleError: If integers are stored for a floating-point weight, or vice versa; PyTorch
             would convert them without a warning.
     """
     own = actor.state_dict()
@@ -46,7 +46,7 @@ def check_finite_weights(actor: nn.Module, place: str) -> None:
     """Check that the actor's weights are finite in the actor's own precision.
 
     Raises:
-        BundleError: At the first weight with a value that is not.
+        BundleError: If a weight has a non-finite value.
     """
     for name, value in actor.state_dict().items():
         if not bool(value.isfinite().all()):
@@ -62,7 +62,7 @@ def check_part(part: str, built: Any) -> None:
         built: Object that its node builds.
 
     Raises:
-        BundleError: If it is of another kind, if a speed exceeds :data:`MAX_SPEED`, or if the turn
+        BundleError: If it is of another type, if a speed exceeds :data:`MAX_SPEED`, or if the turn
             rate exceeds :data:`MAX_TURN_RATE`.
     """
     if not isinstance(built, KINDS[part]):

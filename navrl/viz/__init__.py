@@ -1,4 +1,4 @@
-"""Pictures from files: an episode, a trainer's log, a benchmark. Nothing here simulates."""
+"""Pictures of episodes, training logs and benchmarks, drawn from files without simulation."""
 
 from navrl.viz.animation import save_gif, save_png, save_strip
 from navrl.viz.curves import plot_curves

@@ -1,4 +1,4 @@
-"""A recorded episode as a still, as a strip of moments, and as a moving picture."""
+"""Pictures of a recorded episode: single scene, strip of scenes and animation."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ OUTCOME_WORDS = {
     "collision_static": "collision with a wall",
     "timeout": "time is up",
 }
-"""How an episode ended, for people."""
+"""Display texts of outcomes."""
 
 _GIF_INCHES, _GIF_DPI = 4.8, 100  # 480 px wide
-_HOLD_S = 1.5  # s for which the last frame stays longer
+_HOLD_S = 1.5  # s, additional duration of the last frame
 
 
 def episode_name(recording: Recording) -> str:
@@ -45,12 +45,12 @@ def episode_name(recording: Recording) -> str:
 
 
 def save_png(recording: Recording, file: str | Path, step: int | None = None) -> Path:
-    """Draw one moment: spatial attention, temporal attention, and all commands.
+    """Draw one step with spatial attention, temporal attention, and all commands.
 
     Args:
         recording: The episode.
-        file: ``.png``, or ``.svg`` or ``.pdf`` for print.
-        step: Decision to show, 0 to T - 1; T is the end. The one nearest to a pedestrian if
+        file: ``.png``, ``.svg`` or ``.pdf``.
+        step: Decision to draw, 0 to T - 1; T is the end. The one closest to a pedestrian if
             ``None``.
 
     Returns:
@@ -79,19 +79,19 @@ def save_png(recording: Recording, file: str | Path, step: int | None = None) ->
 def save_strip(
     recording: Recording, file: str | Path, count: int = 6, policy: str | None = None
 ) -> Path:
-    """Draw an episode as moments at even distances in time, the first and the last included.
+    """Draw scenes of an episode at equal time intervals, including the first and the last.
 
     Args:
         recording: The episode.
         file: ``.png``, ``.svg`` or ``.pdf``.
-        count: Number of moments, at least 2.
-        policy: Who played, for the headline.
+        count: Number of scenes, at least 2.
+        policy: Name of the policy, for the headline.
 
     Returns:
         The file.
 
     Raises:
-        ValueError: If ``count`` is too small or the suffix is none of the above.
+        ValueError: If ``count`` is too small or the suffix is invalid.
     """
     if count < 2:
         raise ValueError(f"count={count}: must be at least 2")
@@ -119,12 +119,12 @@ def save_strip(
 
 
 def save_gif(recording: Recording, file: str | Path, fps: float | None = None) -> Path:
-    """Draw an episode as a moving picture about 480 px wide.
+    """Draw an episode as an animation about 480 px wide.
 
     Args:
         recording: The episode.
         file: ``.gif``.
-        fps: Frames, which are steps, a second; as fast as it was if ``None``.
+        fps: Frames (steps) per second; real time if ``None``.
 
     Returns:
         The file.
@@ -141,7 +141,7 @@ def save_gif(recording: Recording, file: str | Path, fps: float | None = None) -
 
 
 def render_frames(recording: Recording) -> Iterator[np.ndarray]:
-    """Yield a picture ``[H, W, 3]`` uint8 of each of the T + 1 moments, all of one size."""
+    """Yield an image ``[H, W, 3]`` uint8 of each of the T + 1 states, all of one size."""
     (left, right), (bottom, top) = scene_limits(recording)
     width = _GIF_INCHES - 0.65
     height = min(width * (top - bottom) / (right - left), 4.8)
@@ -157,7 +157,7 @@ def render_frames(recording: Recording) -> Iterator[np.ndarray]:
         caption.legends[0].set_bbox_to_anchor((0.5, 1.22 / size[1]), caption.transSubfigure)
         _draw_commands(commands, recording, None)
         canvas.draw()
-        still = canvas.copy_from_bbox(figure.bbox)  # what is the same in all frames: most of it
+        still = canvas.copy_from_bbox(figure.bbox)  # static background of all frames
         scene = figure.add_axes(place)
         now = commands.axvline(0.0, color=GREY, linewidth=1.0)
         for step in range(recording.num_steps + 1):
@@ -176,7 +176,7 @@ def render_frames(recording: Recording) -> Iterator[np.ndarray]:
 
 
 def _panel_size(recording: Recording) -> tuple[float, float, bool]:
-    """Return width and height of a scene in inches, and whether scenes go on top of each other."""
+    """Return width and height of a scene in inches, and whether scenes are stacked vertically."""
     (left, right), (bottom, top) = scene_limits(recording)
     ratio = (top - bottom) / (right - left)
     if ratio < 0.6:
@@ -209,7 +209,7 @@ def _color_bar(figure: Figure, axes: Axes, recording: Recording, name: str, loca
 
 
 def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
-    """Draw v and w over time, each held for its step, on an axis of its own."""
+    """Draw v and w over time as step functions, each on its own axis."""
     edges = np.arange(recording.num_steps + 1) * recording.time_step_s
     turn = axes.twinx()
     turn.grid(False)
@@ -231,5 +231,5 @@ def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
 
 
 def _share(size: tuple[float, float], x: float, y: float, width: float, height: float) -> tuple:
-    """Return a place given in inches as shares of the figure."""
+    """Convert a rectangle from inches to fractions of the figure."""
     return x / size[0], y / size[1], width / size[0], height / size[1]

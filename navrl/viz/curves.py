@@ -18,39 +18,39 @@ from navrl.viz.style import BLACK, GREY, line_look, plain_text, save_figure, sty
 
 _REMEDY = "restore the log, or remove its damaged rows"
 Series = tuple[np.ndarray, np.ndarray]
-_LEVELS = ("train/max_dynamic", "evaluation/max_dynamic")  # the latter alone in a bundle's curve
+_LEVELS = ("train/max_dynamic", "evaluation/max_dynamic")  # a bundle's curve has only the latter
 
 
 @dataclass(frozen=True)
 class _Panel:
     title: str
     unit: str
-    evaluated: str | None  # column of the evaluations, drawn with marks
-    trained: Callable[[TrainingLog], Series]  # drawn thin where there are evaluations too
+    evaluated: str | None  # column of the evaluations, drawn with markers
+    trained: Callable[[TrainingLog], Series]  # drawn thin beside evaluations
     is_rate: bool = False
-    is_level: bool = False  # jumps, and a mean of runs is no level
+    is_level: bool = False  # a step function, not averaged over runs
 
     def has_data(self, log: TrainingLog) -> bool:
-        """Tell whether a log has anything to draw here."""
+        """Return whether a log has data for this panel."""
         evaluated = log.sum_of([self.evaluated] if self.evaluated else [])
         return any(len(frames) for frames, _ in (evaluated, self.trained(log)))
 
 
 class TrainingLog:
-    """The columns of a ``metrics.csv`` or ``curve.csv``; a cell not logged is left out."""
+    """Columns of a ``metrics.csv`` or ``curve.csv``, without empty cells."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
         self._rows = read_table(file, _REMEDY, is_log=True)
         if not self._rows or "frames" not in self._rows[0]:
-            raise ValueError(f"{file}: no log of a training, needs a column 'frames' and a row")
+            raise ValueError(f"{file}: must be a training log with a column 'frames' and a row")
 
     def column(self, name: str) -> Series:
         """Return frames and values, both ``[n]``."""
         return self.sum_of([name])
 
     def sum_of(self, names: Sequence[str]) -> Series:
-        """Return frames and the sum of columns, where all of them were logged."""
+        """Return frames and the sum of columns, where all of them are logged."""
         logged = [row for row in self._rows if names and all(row.get(name) for name in names)]
         try:
             frames = np.array([float(row["frames"]) for row in logged])
@@ -65,7 +65,7 @@ class TrainingLog:
         return next((series for series in logged if len(series[0])), self.column(_LEVELS[0]))
 
     def names(self, prefix: str) -> list[str]:
-        """Return the columns whose names start so."""
+        """Return the columns with a prefix."""
         return [name for name in self._rows[0] if name.startswith(prefix)]
 
 
@@ -75,32 +75,33 @@ def plot_curves(
     labels: Sequence[str] | None = None,
     formats: Sequence[str] = (".png", ".svg"),
 ) -> list[Path]:
-    """Draw how training went.
+    """Draw learning curves.
 
-    Rates of each outcome, the curriculum's number of pedestrians, reward, and what the critic says,
-    over environment steps; only what some run logged gets axes. Evaluations are lines with marks,
-    training episodes (with exploration) are thin lines; a dotted line is where the curriculum went
-    up, if there is one setting only. Runs of one label are seeds of one setting: each is drawn,
-    pale, with their mean and a band from the least to the greatest.
+    The panels show rates of each outcome, the curriculum's number of pedestrians, reward, and
+    Q-values and loss of the critic over environment steps; panels without data are omitted.
+    Evaluations are lines with markers, training episodes (with exploration) are thin lines; a
+    dotted line marks a new curriculum level, if there is only one setting. Runs with the same label
+    are seeds of one setting: each is drawn pale, with their mean and a band from minimum to
+    maximum.
 
     Args:
-        csv_files: The trainer's ``metrics.csv`` of each run, or the ``curve.csv`` of its bundle.
-        out: File without suffix, or with one that is replaced.
-        labels: Name of each run; its folder's if ``None``.
+        csv_files: ``metrics.csv`` of each run, or ``curve.csv`` of its bundle.
+        out: File; a suffix is replaced.
+        labels: Name of each run; the name of its folder if ``None``.
         formats: Suffixes: ``.png``, ``.svg``, ``.pdf``.
 
     Returns:
-        A file a format.
+        One file per format.
 
     Raises:
         FileNotFoundError: If a log does not exist.
-        ValueError: If there is no log, one is empty or of something else, or the number of labels
-            is not that of logs.
+        ValueError: If there is no log, one is empty or not a training log, or the number of labels
+            differs from that of logs.
     """
     files = [Path(file) for file in csv_files]
     labels = [file.resolve().parent.name for file in files] if labels is None else list(labels)
     if not files or len(labels) != len(files):
-        raise ValueError(f"need one label a log and at least one: {len(labels)}, {len(files)}")
+        raise ValueError(f"must be one label per log, at least one: {len(labels)}, {len(files)}")
     groups: dict[str, list[TrainingLog]] = {}
     for label, file in zip(labels, files, strict=True):
         groups.setdefault(label, []).append(TrainingLog(file))
@@ -116,7 +117,7 @@ def plot_curves(
             if len(groups) == 1 and panel.evaluated is not None:
                 _mark_levels(axes, logs)
             _finish(axes, panel)
-        _add_key(figure, groups, ncols=max(2 * columns - 2, 2))  # names of some 30 letters fit
+        _add_key(figure, groups, ncols=max(2 * columns - 2, 2))  # names of about 30 letters fit
         out = Path(out)
         return [save_figure(figure, out.with_suffix(suffix)) for suffix in formats]
 
@@ -182,7 +183,7 @@ def _mark_levels(axes: Axes, logs: Sequence[TrainingLog]) -> None:
 def _draw_seeds(
     axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: object
 ) -> None:
-    """Draw one run as it is; of several, each pale, their mean and their range."""
+    """Draw a single run, or several runs pale with their mean and range."""
     seeds = [series for series in seeds if len(series[0])]
     if not seeds:
         return

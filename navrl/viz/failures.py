@@ -1,4 +1,4 @@
-"""A gallery of how episodes were lost."""
+"""Gallery of failed episodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from navrl.viz.legend import add_legend
 from navrl.viz.scene import draw_scene
 from navrl.viz.style import plain_text, save_figure, style
 
-_TITLE_LETTERS = 46  # in a panel's width
+_TITLE_LETTERS = 46  # that fit in a panel's width
 
 
 def save_failures(
@@ -25,14 +25,14 @@ def save_failures(
     policies: Sequence[str | None] | None = None,
     counts: tuple[int, int] | None = None,
 ) -> Path:
-    """Draw the end of every episode that was no success, with the way to it.
+    """Draw the end of every failed episode, with the robot's trajectory.
 
     Args:
-        recordings: Episodes; successes are passed over.
+        recordings: Episodes; successes are skipped.
         file: ``.png``, ``.svg`` or ``.pdf``.
-        limit: Of scenes; the first ones are drawn, and the headline tells how many there are.
-        policies: Who played each recording, ``None`` where that is not known.
-        counts: Episodes lost and played, recorded or not; ``None`` if that is not known.
+        limit: Maximum number of scenes; the first ones are drawn, and the headline has the total.
+        policies: Policy of each recording, ``None`` if unknown.
+        counts: Numbers of failed and played episodes, recorded or not; ``None`` if unknown.
 
     Returns:
         The file.
@@ -46,7 +46,7 @@ def save_failures(
     pairs = zip(recordings, policies, strict=True)
     failed = [(recording, policy) for recording, policy in pairs if recording.outcome != "success"]
     if not failed:
-        raise ValueError(f"recordings: none of {len(recordings)} failed, there is nothing to show")
+        raise ValueError(f"recordings: none of {len(recordings)} failed, must have at least one")
     shown = failed[:limit]
     columns = len(shown) if len(shown) <= 4 else min(4, math.ceil(math.sqrt(len(shown))))
     rows = -(-len(shown) // columns)
@@ -64,13 +64,13 @@ def save_failures(
 
 
 def _headline(shown: int, recorded: int, counts: tuple[int, int] | None) -> str:
-    """Say how many were lost; recordings tell nothing of how many were played."""
+    """Return the number of failures, and of played episodes if known."""
     if counts is None:
         some = f"{shown} of {recorded}" if shown < recorded else f"{recorded}"
-        return f"{some} lost episode{'s' * (recorded != 1)}"
+        return f"{some} failed episode{'s' * (recorded != 1)}"
     lost, played = counts
     some = f"; {shown} of them shown" if shown < lost else ""
-    return f"{lost:,} of {played:,} episodes were lost{some}"
+    return f"{lost:,} of {played:,} episodes failed{some}"
 
 
 def _title(recording: Recording, policy: str | None) -> str:

@@ -1,4 +1,4 @@
-"""Small GIFs of drawings: one palette for all frames, exact where areas are flat."""
+"""Compact GIF files of drawings with one shared palette."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _COLORS, _EXACT = 128, 64
 def write_gif(
     frames: Sequence[np.ndarray], file: str | Path, frame_s: float, hold_s: float = 0.0
 ) -> Path:
-    """Write an animation that repeats for ever.
+    """Write an endlessly repeating animation.
 
     Args:
-        frames: Pictures ``[H, W, 3]`` uint8 of one size.
-        file: ``.gif``; missing folders are made.
-        frame_s: s for which each frame stays; GIF knows hundredths.
-        hold_s: s for which the last frame stays longer.
+        frames: Images ``[H, W, 3]`` uint8 of one size.
+        file: ``.gif``; missing folders are created.
+        frame_s: Duration of each frame, s, in steps of 0.01 s.
+        hold_s: Additional duration of the last frame, s.
 
     Returns:
         The file.
@@ -40,16 +40,16 @@ def write_gif(
             append_images=images[1:],
             duration=duration,
             loop=0,
-            optimize=True,  # what does not change is stored as transparent: less than half the size
+            optimize=True,  # unchanged pixels become transparent: less than half the size
         )
     return file
 
 
 def _shared_palette(frames: Sequence[np.ndarray]) -> np.ndarray:
-    """Return ``[C, 3]`` uint8 for all frames, so that nothing flickers.
+    """Return the palette ``[C, 3]`` uint8 of all frames, shared to avoid flicker.
 
-    The most frequent colours are kept as they are (white stays white, the legend's colours those of
-    the scene); the others, from blending at edges, share what is left.
+    The most frequent colors are exact, so that flat areas and the legend match; the others, from
+    antialiasing at edges, share the remaining entries.
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, 5).astype(int))
     pixels = np.concatenate([frames[i].reshape(-1, 3) for i in chosen])
@@ -64,11 +64,11 @@ def _shared_palette(frames: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _indexed(frame: np.ndarray, palette: np.ndarray) -> Image.Image:
-    """Map each pixel to the nearest colour; Pillow's own mapping misses colours that are there."""
+    """Map each pixel to the nearest color; Pillow's mapping misses some exact colors."""
     packed = _packed(frame.reshape(-1, 3))
     _, first, index = np.unique(packed, return_index=True, return_inverse=True)
     colors, offered = frame.reshape(-1, 3)[first].astype(np.float32), palette.astype(np.float32)
-    # |c - p|^2 without |c|^2, which is the same for each p; exact: integers below 2^24.
+    # |c - p|^2 without |c|^2, which does not depend on p; exact: integers below 2^24.
     distance = np.square(offered).sum(axis=-1) - 2 * colors @ offered.T
     nearest = distance.argmin(axis=-1).astype(np.uint8)
     image = Image.fromarray(nearest[index].reshape(frame.shape[:2]), mode="P")

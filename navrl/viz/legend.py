@@ -1,4 +1,4 @@
-"""The legend of a scene."""
+"""Legend of a scene."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ def add_legend(
     descriptors: bool = True,
     loc: str = "outside lower center",
 ) -> None:
-    """Explain below the scenes what :func:`navrl.viz.scene.draw_scene` draws.
+    """Add a legend for :func:`navrl.viz.scene.draw_scene` below the scenes.
 
     Args:
         figure: Figure or subfigure.
-        recording: The episode; what it lacks is left out.
+        recording: The episode; elements without data are omitted.
         columns: Number of columns.
-        attention: What is drawn.
+        attention: Kinds of attention that are drawn.
         descriptors: Whether TAGDs are drawn.
-        loc: Where, as matplotlib has it.
+        loc: Location, as in matplotlib.
     """
     figure.legend(
         handles=_handles(recording, attention, descriptors),
@@ -55,7 +55,7 @@ def _handles(
     handles = [
         Line2D([], [], color=GREY, linestyle="--", linewidth=1.0, label="global path"),
         Patch(facecolor="none", edgecolor=GREEN, linewidth=1.2, label="goal"),
-        Patch(facecolor=PURPLE, edgecolor=BLACK, linewidth=0.6, label="robot and its way"),
+        Patch(facecolor=PURPLE, edgecolor=BLACK, linewidth=0.6, label="robot, trajectory"),
         Patch(facecolor=ORANGE, edgecolor=BLACK, linewidth=0.6, label="pedestrian, past 2 s"),
         FancyArrow(0, 0, 1, 0, color=ORANGE, label="velocity, 1 s ahead"),
         Line2D([], [], color=BLACK, linestyle="", marker=".", markersize=3, label="lidar point"),
@@ -71,7 +71,7 @@ def _handles(
 
 
 class ArrowHandler(HandlerPatch):
-    """Draw arrows as arrows."""
+    """Legend handler that draws arrows."""
 
     def create_artists(self, legend, handle, x, y, width, height, fontsize, transform):
         arrow = FancyArrow(

@@ -1,4 +1,4 @@
-"""The present moment of a running episode, as frames of one size."""
+"""Frames of a running episode, all of one size."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from navrl.viz.scene import draw_scene
 from navrl.viz.style import style
 
 FRAME_PIXELS = 480
-"""Height and width of a frame: the same for all worlds, as videos of several episodes need it."""
+"""Height and width of a frame, equal for all worlds, as required for videos of several episodes."""
 _DPI = 100
 
 
 class LiveScene:
-    """Drawing of the last moment of an episode that grows."""
+    """Renderer of the last step of a running episode."""
 
     def __init__(self) -> None:
         figure = Figure((FRAME_PIXELS / _DPI, FRAME_PIXELS / _DPI), dpi=_DPI)
@@ -25,11 +25,11 @@ class LiveScene:
         self._axes = figure.add_axes((0.02, 0.02, 0.96, 0.9))
 
     def draw(self, recording: Recording) -> np.ndarray:
-        """Return the last moment of what was recorded so far.
+        """Return an image of the last recorded step.
 
         Args:
-            recording: The episode; its last step is drawn, with trails into its past. A running one
-                has an ``outcome`` that is none of an end.
+            recording: The episode; its last step is drawn, with trails. A running one has an
+                ``outcome`` that is not an end.
 
         Returns:
             ``[FRAME_PIXELS, FRAME_PIXELS, 3]`` uint8.

@@ -1,4 +1,4 @@
-"""Where a recorded episode comes from, as the files beside it tell."""
+"""Origin of a recorded episode, from the files in its folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from navrl.untrusted import read_yaml
 
 
 def episode_folder(file: Path) -> Path:
-    """Return what an episode belongs to: an evaluation keeps its own in ``recordings``."""
+    """Return the folder of an episode's run or evaluation, which stores it in ``recordings``."""
     folder = file.resolve().parent
     if folder.name == "recordings" or file.stem == "episode":
         return folder.parent
@@ -18,15 +18,15 @@ def episode_folder(file: Path) -> Path:
 
 
 def policy_of(file: Path) -> str | None:
-    """Return who played an episode, by the evaluation beside it or the run of ``navrl-play``."""
+    """Return the policy of an episode, from its evaluation or its run of ``navrl-play``."""
     evaluation = _evaluation_of(file)
     return _player(file.with_name(".hydra")) if evaluation is None else evaluation.label
 
 
 def lost_and_played(files: Iterable[Path]) -> tuple[int, int] | None:
-    """Return how many episodes were lost and played where some were recorded.
+    """Return the numbers of failed and played episodes of the recordings' evaluations.
 
-    ``None`` if one has no evaluation beside it: recordings may be of lost episodes alone.
+    ``None`` if a recording has no evaluation, since recordings may be of failed episodes only.
     """
     evaluations = [_evaluation_of(file) for file in files]
     if None in evaluations:
@@ -46,11 +46,11 @@ def _evaluation_of(file: Path) -> Evaluation | None:
 
 
 def _player(hydra: Path) -> str | None:
-    """Return the policy that a run was asked for."""
+    """Return the policy of a run's command."""
     file = hydra / "config.yaml"
     asked = read_yaml(file, "delete it") if file.is_file() else {}
     if not asked.get("policy"):
         return None
     path = Path(str(asked["policy"]))
-    name = path.parent.name if path.name == "policy" else path.name  # of a training run
+    name = path.parent.name if path.name == "policy" else path.name  # folder of a training run
     return f"{name}, changed" if asked.get("change") else name

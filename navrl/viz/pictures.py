@@ -1,6 +1,6 @@
-"""Each picture of ``navrl-plot``: find the files, draw them, write every wanted format.
+"""Pictures of ``navrl-plot``: find the files, draw them, write all formats.
 
-All take folders or files as ``sources`` and look through what is below a folder.
+All functions accept folders or files as ``sources`` and search folders recursively.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 def find_files(sources: Iterable[str | Path], *patterns: str) -> list[Path]:
-    """Return files in and below some folders; a file stands for itself.
+    """Return files in and below some folders; a file is returned itself.
 
     Raises:
-        ValueError: If a source does not exist, or nothing is found.
+        ValueError: If a source does not exist, or no file is found.
     """
     sources = [Path(source) for source in sources]
     for source in sources:
@@ -45,7 +45,7 @@ def find_episode(sources: Sequence[str | Path]) -> Path:
     """Return the first recorded episode in and below a source.
 
     Raises:
-        ValueError: If there are several sources, of which only one could be drawn.
+        ValueError: If there are several sources, since only one can be drawn.
     """
     if len(sources) > 1:
         raise ValueError(f"source=[{', '.join(map(str, sources))}]: must be one, of one episode")
@@ -64,7 +64,7 @@ def find_recordings(sources: Iterable[str | Path]) -> list[Recording]:
 
 
 def curves(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Learning curves of runs or published bundles; ``NAME_seed_K`` are seeds of one setting."""
+    """Draw learning curves of runs or bundles; ``NAME_seed_K`` are seeds of one setting."""
     logs = find_files(sources, "metrics.csv", "curve.csv")
     labels = [re.sub(r"_seed_\d+", "", log.resolve().parent.name) for log in logs]
     return _each_format(
@@ -73,7 +73,7 @@ def curves(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) 
 
 
 def rates(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Success over pedestrians' speed and number, from the evaluations of a sweep."""
+    """Draw success over speed and number of pedestrians, from the evaluations of a sweep."""
     evaluations = find_evaluations(sources)
     return _each_format(lambda file: plot_rates(evaluations, file), out, formats)
 
@@ -81,7 +81,7 @@ def rates(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -
 def attention(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, step: int | None = None
 ) -> list[Path]:
-    """A scene with spatial attention on sectors and temporal attention on descriptors."""
+    """Draw a scene with spatial attention on sectors and temporal attention on descriptors."""
     recording = Recording.load(find_episode(sources))
     return _each_format(lambda file: save_png(recording, file, step), out, formats)
 
@@ -93,7 +93,7 @@ def tagd(
     step: int | None = None,
     group_radius: float = 0.25,
 ) -> list[Path]:
-    """The way from two scans to descriptors, in five steps."""
+    """Draw the computation of descriptors from two scans in five steps."""
     recording = Recording.load(find_episode(sources))
     return _each_format(lambda file: save_tagd(recording, file, step, group_radius), out, formats)
 
@@ -101,7 +101,7 @@ def tagd(
 def strip(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, count: int = 6
 ) -> list[Path]:
-    """Moments of an episode side by side."""
+    """Draw scenes of an episode side by side."""
     episode = find_episode(sources)
     recording, policy = Recording.load(episode), policy_of(episode)
     return _each_format(lambda file: save_strip(recording, file, count, policy), out, formats)
@@ -110,7 +110,7 @@ def strip(
 def failures(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, limit: int = 12
 ) -> list[Path]:
-    """The ends of lost episodes."""
+    """Draw the last scenes of failed episodes."""
     episodes = find_files(sources, "*.npz")
     recordings, policies = find_recordings(episodes), [policy_of(file) for file in episodes]
     counts = lost_and_played(episodes)
@@ -120,17 +120,17 @@ def failures(
 
 
 def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
-    """An episode as GIF."""
+    """Write an episode as GIF."""
     return [save_gif(Recording.load(find_episode(sources)), out.with_suffix(".gif"), frames_per_s)]
 
 
 def mp4(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
-    """An episode as MP4; needs the program ffmpeg."""
+    """Write an episode as MP4; needs the program ffmpeg."""
     return [save_mp4(Recording.load(find_episode(sources)), out.with_suffix(".mp4"), frames_per_s)]
 
 
 def rerun(sources: Sequence[str], out: Path) -> list[Path]:
-    """Each episode in 3D for the viewer of rerun: ``out.rrd``, or one below ``out`` for several."""
+    """Write each episode for the viewer of rerun: ``out.rrd``, or files below ``out``."""
     files = find_files(sources, "*.npz")
     if len(files) == 1:
         return [_rrd(files[0], out.with_name(out.name + ".rrd"))]

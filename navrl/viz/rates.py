@@ -1,4 +1,4 @@
-"""Success over the speed and over the number of pedestrians, in each kind of world."""
+"""Success over speed and number of pedestrians, in each kind of world."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from navrl.untrusted import DamagedFileError, is_number, read_yaml
 from navrl.viz.style import line_look, plain_text, save_figure, style
 
 ALL_WORLDS = "all worlds"
-"""Name of what is pooled over every kind of world."""
+"""Name of the pooled results of all kinds of worlds."""
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet
-_MARKERS = "osD^vPX<"  # one more than colours: the same pair of both comes late
+_MARKERS = "osD^vPX<"  # one more than colors: pairs repeat late
 
 
 @dataclass(frozen=True)
 class RatePoint:
-    """Success of one policy in one kind of world at one setting.
+    """Point of a plot: success of one policy in one kind of world at one setting.
 
     Args:
-        policy: Name.
+        policy: Name of the policy.
         world: ``corridor``, ``intersection``, ``office``, or all of them.
-        suite: Name of what was played.
-        num_dynamic: Walking pedestrians.
-        speed: m/s, theirs.
-        successes: Number of episodes won.
-        episodes: Number played.
+        suite: Name of the suite.
+        num_dynamic: Number of moving pedestrians.
+        speed: Speed of the moving pedestrians, m/s.
+        successes: Number of successful episodes.
+        episodes: Number of episodes.
     """
 
     policy: str
@@ -48,35 +48,35 @@ class RatePoint:
 
     @property
     def rate(self) -> float:
-        """Share of episodes won."""
+        """Success rate."""
         return self.successes / self.episodes
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 %, of that share (Wilson)."""
+        """95 % Wilson interval of the success rate."""
         return wilson_interval(self.successes, self.episodes)
 
 
 Lines = dict[tuple[str, str], list[tuple[float, RatePoint]]]
-"""By policy and world: (speed or number, success there), in ascending order."""
+"""Lines by policy and world: pairs (speed or number, success) in ascending order."""
 
 
 def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
-    """Draw success over pedestrians' speed and over their number, with 95 % intervals.
+    """Draw success over speed and number of pedestrians, with 95 % intervals.
 
-    The first row is over speed with two walking pedestrians, the second over number at 0.6 m/s; a
-    row without two settings is left out. Columns are kinds of worlds, the last one all of them,
-    with only the settings that were played in each.
+    The first row is over speed with two moving pedestrians, the second over number at 0.6 m/s; a
+    row with fewer than two settings is omitted. Columns are kinds of worlds, the last one all of
+    them, with only the settings that were played in each.
 
     Args:
-        evaluations: Of suites that differ in speed or number; others are passed over.
+        evaluations: Evaluations of suites that differ in speed or number; others are skipped.
         file: ``.png``, ``.svg`` or ``.pdf``.
 
     Returns:
         The file.
 
     Raises:
-        ValueError: If there is nothing to draw a line through, or results of several simulators.
+        ValueError: If there are fewer than two settings, or results of several simulators.
 
     Reference:
         Paper, figure of the performance over obstacle speeds and numbers of obstacles.
@@ -86,11 +86,13 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
     rows = rate_rows(points)
     if not rows:
         raise ValueError(
-            "source: success over speed or number needs evaluations at two speeds or two numbers "
-            f"of pedestrians at least; found {sorted({(p.num_dynamic, p.speed) for p in points})}"
+            "source: must have evaluations at two speeds or two numbers of pedestrians at least; "
+            f"found {sorted({(p.num_dynamic, p.speed) for p in points})}"
         )
     if len(simulators) > 1:
-        raise ValueError(f"source: needs results of one simulator, found {', '.join(simulators)}")
+        raise ValueError(
+            f"source: must have results of one simulator, found {', '.join(simulators)}"
+        )
     policies, worlds = rated_policies(rows), rated_worlds(rows)
     with style():
         size = max(2.8 * len(worlds), 4.5), 2.7 * len(rows) + 0.7
@@ -106,7 +108,7 @@ def plot_rates(evaluations: Sequence[Evaluation], file: str | Path) -> Path:
 
 
 def rate_points(evaluation: Evaluation) -> list[RatePoint]:
-    """Return the success in each kind of world of an evaluation; empty of a suite of no sweep."""
+    """Return the success in each kind of world of an evaluation; empty for other suites."""
     setting = _setting(evaluation)
     if setting is None:
         return []
@@ -128,9 +130,9 @@ def rate_points(evaluation: Evaluation) -> list[RatePoint]:
 
 
 def _setting(evaluation: Evaluation) -> tuple[int, float] | None:
-    """Return number and speed of the walking pedestrians; ``None`` of another kind of suite.
+    """Return number and speed of the moving pedestrians; ``None`` for another kind of suite.
 
-    The episodes tell, in files of before they did the configuration, or else the suite's name.
+    They are read from the episodes, in older files from the configuration or the suite's name.
     """
     name = str(evaluation.summary["suite"])
     if not name.startswith(("table1", "speed", "density")):
@@ -165,7 +167,7 @@ def _configured_setting(file: Path) -> tuple[int, float] | None:
         if not isinstance(distribution, dict):
             raise DamagedFileError(file, f"{name}: must hold keys", remedy)
     count, speed = distribution.get("num_dynamic"), distribution.get("speed")
-    kept = distribution.get("keep_dynamic")  # of those placed, who are at least as many
+    kept = distribution.get("keep_dynamic")  # at most the number placed
     count = count if kept is None else [kept, kept]
     pairs = (count, speed)
     if not all(isinstance(p, list) and len(p) == 2 and all(map(is_number, p)) for p in pairs):
@@ -179,17 +181,17 @@ def _configured_setting(file: Path) -> tuple[int, float] | None:
 
 
 def rate_rows(points: Sequence[RatePoint]) -> dict[str, Lines]:
-    """Return the lines over speed and over number, by what the axis is called.
+    """Return the lines over speed and over number, by label of the axis.
 
-    All worlds together are a line more, of the settings where a policy played every world that is
-    in any row. Over fewer than two settings there is no row.
+    All worlds together are an additional line, for settings in which a policy played every world of
+    any row. With fewer than two settings there is no row.
     """
     over = {
-        f"pedestrian speed in m/s ({_TABLE[0]} walking)": (
+        f"pedestrian speed in m/s ({_TABLE[0]} moving)": (
             "speed",
             [(p.speed, p) for p in points if p.num_dynamic == _TABLE[0]],
         ),
-        f"number of walking pedestrians (at {_TABLE[1]} m/s)": (
+        f"number of moving pedestrians (at {_TABLE[1]} m/s)": (
             "density",
             [(float(p.num_dynamic), p) for p in points if p.speed == _TABLE[1]],
         ),
@@ -213,14 +215,14 @@ def rated_worlds(rows: Mapping[str, Lines]) -> list[str]:
 
 
 def rated_settings(lines: Lines) -> list[float]:
-    """Return the speeds or numbers at which anything was played."""
+    """Return the speeds or numbers with results."""
     return sorted({x for line in lines.values() for x, _ in line})
 
 
 def _lines(sweep: str, chosen: Sequence[tuple[float, RatePoint]], worlds: set[str]) -> Lines:
-    """Join points to lines; of two suites the sweep's own counts, then that of more episodes.
+    """Join points to lines; of two suites use the sweep's own, then the one with more episodes.
 
-    Suites are not pooled: ``table1_200`` is the beginning of ``table1``.
+    Suites are not pooled, since they overlap: ``table1_200`` is the beginning of ``table1``.
     """
     best = {
         (p.policy, p.world, x): p
@@ -272,7 +274,7 @@ def _draw(axes: Axes, lines: Lines, policies: Sequence[str], world: str) -> None
 
 
 def _look(i: int) -> dict:
-    """Return colour, mark and dash of the i-th policy: told apart without colours too."""
+    """Return color, marker and dash of the i-th policy, distinct also without colors."""
     return {**line_look(i), "marker": _MARKERS[i % len(_MARKERS)], "markersize": 3.5}
 
 
@@ -284,11 +286,12 @@ def _add_key(
     ]
     counts = [p.episodes for p in _each(rows) if p.world != ALL_WORLDS]
     shown = " to ".join(f"{n:,}" for n in dict.fromkeys((min(counts), max(counts))))
-    inches = 0.55 + 0.058 * max(map(len, policies))  # of an entry, in 7 points
+    inches = 0.55 + 0.058 * max(map(len, policies))  # width of an entry, in 7 points
     figure.legend(
         handles=handles,
         loc="outside lower center",
         ncols=max(1, min(len(handles), 6, int(figure.get_figwidth() / inches))),
-        title=f"{plain_text(simulator)}; {shown} episodes a point and world; bands: 95 % intervals",
+        title=f"{plain_text(simulator)}; {shown} episodes per point and world; "
+        "bands: 95 % intervals",
         title_fontsize=7,
     )

@@ -1,4 +1,4 @@
-"""An episode as a file for the viewer of rerun.io: in 3D, with time to scroll through."""
+"""Export of an episode for the 3D viewer of rerun.io."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
 STEP, TIME = "step", "time"  # timelines
-# m, as PyBullet builds them (navrl.sim.bullet_scene, which pictures do without) and with the
-# default lidar: recordings are flat.
+# m, as in navrl.sim.bullet_scene, which is not imported here, and with the default lidar:
+# recordings have no heights.
 WALL_HEIGHT, PEDESTRIAN_HEIGHT, ROBOT_HEIGHT, SCAN_HEIGHT = 1.2, 1.0, 0.42, 0.5
-_FLOOR_M = 0.01  # at which lines on the floor are drawn, and half the height of the goal's disc
+_FLOOR_M = 0.01  # height of lines on the floor, and half the height of the goal's disc
 _POINT_M, _LINE_M = 0.03, 0.015  # radii
 _WALL_GREY, _BACKGROUND = "#A8B0BD", "#F7F7F7"
-_PALEST = 0.25  # where colour maps begin, so that no attention can still be seen on the background
+_PALEST = 0.25  # start of color maps, so that zero attention is visible on the background
 
 
 def save_rrd(recording: Recording, file: str | Path, name: str | None = None) -> Path:
     """Write an episode for the viewer of rerun.
 
-    Both timelines, ``step`` and ``time``, have T + 1 rows; what was decided in step t and its
-    rewards stand at t, so the last row has none. All of ``world`` is in the world frame, m, z up:
-    walls, path and goal; pedestrians, the robot and the way it came; the pooled scan (the raw one
-    where there is none) and the motion c_{t-1} to c_t that each descriptor claims. Points are
-    coloured by their sector's spatial attention, motions by their temporal attention, on the scales
-    of :func:`navrl.viz.scene.attention_scale`; black and green where there is no attention.
-    ``commands`` are v in m/s and w in rad/s, ``rewards`` the weighted terms.
+    Both timelines, ``step`` and ``time``, have T + 1 rows; decisions and rewards of step t are in
+    row t, so the last row has none. All of ``world`` is in the world frame, m, z up: walls, path
+    and goal; pedestrians, the robot and its trajectory; the pooled scan (or the raw one) and the
+    motion c_{t-1} to c_t of each descriptor. Points are colored by their sector's spatial
+    attention, motions by their temporal attention, on the scales of
+    :func:`navrl.viz.scene.attention_scale`; black and green without attention. ``commands`` are v
+    in m/s and w in rad/s, ``rewards`` the weighted terms.
 
     Args:
         recording: The episode.
-        file: ``.rrd``; missing folders are made.
-        name: What the viewer calls the episode; the file's name if ``None``.
+        file: ``.rrd``; missing folders are created.
+        name: Name of the episode in the viewer; the file's name if ``None``.
 
     Returns:
         The file.
@@ -78,7 +78,7 @@ def _rerun() -> ModuleType:
 
 @contextmanager
 def _strict(rr: ModuleType) -> Iterator[None]:
-    """Let rerun raise what it would only warn of."""
+    """Turn rerun's warnings into exceptions."""
     before = rr.strict_mode()
     rr.set_strict_mode(True)
     try:
@@ -88,7 +88,7 @@ def _strict(rr: ModuleType) -> Iterator[None]:
 
 
 def _blueprint() -> Any:
-    """Return the first arrangement of the viewer: the scene, and commands and rewards beside it."""
+    """Return the initial layout of the viewer: scene, commands and rewards."""
     import rerun.blueprint as rrb
 
     scene = rrb.Spatial3DView(origin="world", name="scene", background=_rgba(_BACKGROUND)[0])
@@ -101,7 +101,7 @@ def _blueprint() -> Any:
 
 
 class _Log:
-    """Sends one episode to a stream, each quantity as columns over time."""
+    """Writer of one episode to a stream, each quantity as columns over time."""
 
     def __init__(self, rr: ModuleType, stream: Any, recording: Recording) -> None:
         self._rr, self._stream, self._recording = rr, stream, recording
@@ -119,7 +119,7 @@ class _Log:
         self._still("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         walls = _upright(recording.walls, WALL_HEIGHT)
         look = {"colors": _rgba(_WALL_GREY), "fill_mode": "TransparentFillMajorWireframe"}
-        self._still("world/walls", rr.Boxes3D(**walls, **look))  # what is behind them shows
+        self._still("world/walls", rr.Boxes3D(**walls, **look))  # transparent
         path = _lifted(recording.path, _FLOOR_M)
         self._still("world/path", rr.LineStrips3D([path], radii=_LINE_M, colors=_rgba(GREY)))
         goal = rr.Cylinders3D(
@@ -166,7 +166,7 @@ class _Log:
         recording = self._recording
         local, returned = recording.scan_points()
         world = _lifted(_to_world(recording.pose, local), SCAN_HEIGHT)
-        # Elements share the sectors evenly and in order, as in navrl.networks.encoder.
+        # Sectors divide the elements evenly and in order, as in navrl.networks.encoder.
         weights, count = recording.spatial_attention, local.shape[1]
         if weights is not None:
             weights = weights[:, np.arange(count) * weights.shape[1] // count]
@@ -180,7 +180,7 @@ class _Log:
         if recording.tagd is None:
             return
         real = np.ones(recording.tagd.shape[:2], dtype=bool)
-        if recording.tagd_valid is not None:  # a half that is filled in claims no motion
+        if recording.tagd_valid is not None:  # without two valid centroids there is no motion
             real = recording.tagd_valid.all(axis=-1)
         before, now = (
             _lifted(_to_world(recording.pose, half), SCAN_HEIGHT)
@@ -209,7 +209,7 @@ class _Log:
         self._stream.log(path, entity, static=True)
 
     def _moving(self, path: str, columns: Any, counts: Iterable[int] | None = None) -> None:
-        """Send one row a step from the first on; ``counts`` elements in each, one if ``None``."""
+        """Send one row per step, with ``counts`` elements in each, one if ``None``."""
         if counts is not None:
             columns = columns.partition(counts)
         steps = np.arange(len(next(iter(columns)).as_arrow_array()))
@@ -220,11 +220,11 @@ class _Log:
         self._stream.send_columns(path, indexes, columns)
 
 
-# --- geometry and colours ------------------------------------------------------------------------
+# --- geometry and colors ------------------------------------------------------------------------
 
 
 def _upright(boxes: np.ndarray, height: float) -> dict[str, np.ndarray]:
-    """Return boxes ``[n, 5]`` (cx, cy, hx, hy, yaw) that stand on the floor, in rerun's words."""
+    """Convert boxes ``[n, 5]`` (cx, cy, hx, hy, yaw) on the floor to rerun's arguments."""
     return {
         "centers": _lifted(boxes[:, :2], 0.5 * height),
         "half_sizes": _lifted(boxes[:, 2:4], 0.5 * height),
@@ -244,7 +244,7 @@ def _turned(yaw: np.ndarray) -> np.ndarray:
 
 
 def _to_world(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Bring points ``[T + 1, n, 2]`` out of the robot's frames ``[T + 1, 3]``."""
+    """Transform points ``[T + 1, n, 2]`` from robot frames ``[T + 1, 3]`` to the world frame."""
     cos, sin = np.cos(pose[:, 2, None]), np.sin(pose[:, 2, None])
     x, y = points[..., 0], points[..., 1]
     return pose[:, None, :2] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
@@ -257,7 +257,7 @@ def _colors(
     shape: tuple[int, ...],
     plain: str,
 ) -> np.ndarray:
-    """Return ``[T + 1, n, 4]`` uint8 of ``weights [T, n]``; ``plain`` where nothing was decided."""
+    """Return colors ``[T + 1, n, 4]`` uint8 of ``weights [T, n]``, the last row ``plain``."""
     colors = np.broadcast_to(_rgba(plain), (*shape, 4)).copy()
     if weights is not None:
         share = np.clip(attention_scale(recording, name)(weights), 0.0, 1.0)
@@ -266,5 +266,5 @@ def _colors(
 
 
 def _rgba(color: str) -> np.ndarray:
-    """Return ``[1, 4]`` uint8."""
+    """Return a color as ``[1, 4]`` uint8."""
     return np.rint(255 * to_rgba_array(color)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""One step of a recorded episode, drawn to scale from above."""
+"""Top view of one step of a recorded episode, drawn to scale."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from navrl.viz.style import (
 
 SPATIAL, TEMPORAL = "spatial", "temporal"
 ATTENTIONS = {SPATIAL: SPATIAL_COLORS, TEMPORAL: TEMPORAL_COLORS}
-TRAIL_S = 2.0  # s of the past that trails show
-VELOCITY_AHEAD_S = 1.0  # s; a velocity arrow ends where its pedestrian will then be
+TRAIL_S = 2.0  # s, duration of trails
+VELOCITY_AHEAD_S = 1.0  # s; a velocity arrow ends at the predicted position after this time
 _MARGIN_M = 0.15
-_MOVING_M_S = 0.05  # slower is drawn as standing
+_MOVING_M_S = 0.05  # slower pedestrians are drawn as stationary
 
 
 def draw_scene(
@@ -37,21 +37,21 @@ def draw_scene(
     attention: Sequence[str] = (),
     descriptors: bool = True,
 ) -> None:
-    """Draw what there was and what the robot saw before it decided on a step.
+    """Draw the world and the robot's observations before a decision.
 
-    Walls, global path and goal, the robot and the way it came, pedestrians with trails and
-    velocities, the lidar's points, the motion c_{t-1} to c_t that each descriptor claims, and
-    attention: blue on the sectors of the scan, red on rays to the descriptors.
+    Walls, global path and goal, the robot and its trajectory, pedestrians with trails and
+    velocities, the lidar's points, the motion c_{t-1} to c_t of each descriptor, and attention:
+    blue on the sectors of the scan, red on rays to the descriptors.
 
     Args:
-        axes: Where to draw; becomes metric with equal axes.
+        axes: Axes to draw in; set to equal metric axes.
         recording: The episode.
-        step: 0 to T; T is the end, after which nothing was decided and no attention is drawn.
-        attention: Any of ``"spatial"`` and ``"temporal"``; what was not recorded is left out.
+        step: 0 to T; T is the end, which has no decision and no attention.
+        attention: Any of ``"spatial"`` and ``"temporal"``; omitted if not recorded.
         descriptors: Whether to draw the TAGDs.
 
     Raises:
-        ValueError: If ``step`` or ``attention`` is none of the above.
+        ValueError: If ``step`` or ``attention`` is not allowed.
 
     Reference:
         Paper, figure of a scene with spatial (blue) and temporal attention (red).
@@ -75,17 +75,17 @@ def draw_scene(
 
 
 def frame_scene(axes: Axes, recording: Recording) -> None:
-    """Make axes metric, with equal units, and wide enough for the whole episode."""
+    """Set equal metric axes with limits for the whole episode."""
     x, y = scene_limits(recording)
     axes.set(xlim=x, ylim=y, xlabel="x in m", ylabel="y in m")
     axes.set_aspect("equal")
 
 
 def attention_scale(recording: Recording, name: str) -> Normalize | None:
-    """Return the colour scale that all steps of an episode share.
+    """Return the color scale of all steps of an episode.
 
-    It ends at the median of the steps' largest weights, so that neither one extreme step makes all
-    others pale nor two steps look alike that are not.
+    Its upper limit is the median of the steps' largest weights, so that one extreme step does not
+    make all others pale and different steps look different.
 
     Args:
         recording: The episode.
@@ -99,7 +99,7 @@ def attention_scale(recording: Recording, name: str) -> Normalize | None:
 
 
 def scene_limits(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the x and y limits in m that show all walls, the path and the way driven."""
+    """Return x and y limits in m that include all walls, the path and the trajectory."""
     corners = [_box_corners(box) for box in recording.walls]
     points = np.concatenate([*corners, recording.path, recording.pose[:, :2], [recording.goal]])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
@@ -107,7 +107,7 @@ def scene_limits(recording: Recording) -> tuple[tuple[float, float], tuple[float
 
 
 def closest_step(recording: Recording) -> int:
-    """Return the decision at which the robot was nearest to a pedestrian; halfway without any."""
+    """Return the step with the minimum distance to a pedestrian; the middle one without any."""
     offsets = recording.pedestrian_boxes[:-1, :, :2] - recording.pose[:-1, None, :2]
     distance = np.linalg.norm(offsets, axis=-1)
     if np.isnan(distance).all():
@@ -153,7 +153,7 @@ def _draw_temporal_attention(axes: Axes, recording: Recording, step: int) -> Non
         return
     pose, scale = recording.pose[step], attention_scale(recording, TEMPORAL)
     ends = _to_world(pose, tagd[step, :, 2:])
-    order = np.argsort(weights[step])  # the strongest on top
+    order = np.argsort(weights[step])  # largest weights on top
     rays = np.stack([np.broadcast_to(pose[:2], ends.shape), ends], axis=1)[order]
     share = np.clip(scale(weights[step][order]), 0.0, 1.0)
     axes.add_collection(
@@ -178,9 +178,9 @@ def _draw_scan(axes: Axes, recording: Recording, step: int) -> None:
 def _draw_pedestrians(axes: Axes, recording: Recording, step: int) -> None:
     boxes = recording.pedestrian_boxes
     first = max(0, step - round(TRAIL_S / recording.time_step_s))
-    # A contact stops the clock within the last step: that one would show people too slow.
+    # A contact ends the last step early: its displacement would give too low velocities.
     now = min(max(step, 1), max(recording.num_steps - 1, 1))
-    now = min(now, recording.num_steps)  # an episode that has only begun shows no velocity
+    now = min(now, recording.num_steps)  # no velocity at the start of an episode
     velocity = (boxes[now, :, :2] - boxes[max(now - 1, 0), :, :2]) / recording.time_step_s
     present = np.isfinite(boxes[step, :, 0])
     moving = present & (np.linalg.norm(velocity, axis=-1) > _MOVING_M_S)
@@ -248,7 +248,7 @@ def _to_world(pose: Sequence[float], points: np.ndarray) -> np.ndarray:
 
 
 def _sector_rims(ends: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return the outer edges ``[n, 2]`` of equal sectors around the robot, from straight ahead on.
+    """Return the outer edges ``[n, 2]`` of equal sectors, starting straight ahead.
 
     Args:
         ends: ``[beams, 2]`` m, robot frame.
@@ -263,7 +263,7 @@ def _sector_rims(ends: np.ndarray, count: int) -> list[np.ndarray]:
     rims = []
     for first, last in pairwise(np.searchsorted(beam[order], edges)):
         border = 2 * np.pi * edges[len(rims) + 1] / len(ends)
-        # The sector's last beam is drawn up to the border, so that neighbors leave no gap.
+        # The sector's last beam extends to the border, so that there are no gaps.
         angle, reach = np.append(bearing[first:last], border), radius[first:last]
         reach = np.append(reach, reach[-1:] if last > first else 0.0)
         rims.append(reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))

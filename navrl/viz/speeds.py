@@ -1,4 +1,4 @@
-"""What ``navrl-benchmark`` found: bars reached, costs that grow, where training time goes."""
+"""Figure of a benchmark report: bars, growth of costs and phases of training."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from navrl.untrusted import DamagedFileError, read_json
 from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, VERMILLION, save_figure, style
 
 _REMEDY = "run navrl-benchmark again"
-_COLUMNS = 3  # of small panels, right of the bars
+_COLUMNS = 3  # columns of small panels, right of the bars
 _GROWTH, _TRAINING = "growth.", "training."
 _NOT_PHASES = ("training.frames", "training.updates")
 
 
 def plot_benchmark(json_file: str | Path, out: str | Path) -> list[Path]:
-    """Draw a benchmark's report, as PNG and as SVG.
+    """Draw a benchmark report as PNG and SVG.
 
-    On the left, how far each quantity is beyond its bar, with the middle half of its measurements;
-    on the right, how costs grow, with the fitted exponent, and what a training spends its time on.
+    On the left, the ratio of each quantity to its bar, with the middle half of its measurements; on
+    the right, the growth of costs with the fitted exponent, and the phases of a training.
 
     Args:
         json_file: The ``benchmark.json`` of a run.
-        out: File without suffix, or with one that is replaced.
+        out: File; a suffix is replaced.
 
     Returns:
         The two files.
 
     Raises:
-        FileNotFoundError: If there is no such report.
-        ValueError: If it holds no rows.
+        FileNotFoundError: If the report does not exist.
+        ValueError: If it has no rows.
     """
     report = read_json(json_file, _REMEDY)
     if not report.get("rows"):
-        raise ValueError(f"{json_file}: no report of a benchmark, needs rows")
+        raise ValueError(f"{json_file}: must be a benchmark report with rows")
     with style():
         try:
             figure = _draw(report)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            reason = f"no report of a benchmark ({type(error).__name__}: {error})"
+            reason = f"not a benchmark report ({type(error).__name__}: {error})"
             raise DamagedFileError(json_file, reason, _REMEDY) from error
         out = Path(out)
         return [save_figure(figure, out.with_suffix(suffix)) for suffix in (".png", ".svg")]
@@ -79,12 +79,12 @@ def _draw(report: Mapping) -> Figure:
 
 
 def _draw_bars(axes: Axes, rows: Sequence[Mapping]) -> None:
-    """Draw each row's margin over its bar on a logarithmic axis: 1 is the bar itself."""
+    """Draw the ratio of each row to its bar on a logarithmic axis."""
     for i, row in enumerate(rows):
-        colour, marker = (GREEN, "o") if row["met"] else (VERMILLION, "X")
+        color, marker = (GREEN, "o") if row["met"] else (VERMILLION, "X")
         ends = sorted(_margin(row, value) for value in row["quartiles"])
-        axes.plot(ends, [i, i], color=colour, linewidth=2.5, alpha=0.4, solid_capstyle="butt")
-        axes.plot(_margin(row, row["median"]), i, marker, color=colour, markersize=5)
+        axes.plot(ends, [i, i], color=color, linewidth=2.5, alpha=0.4, solid_capstyle="butt")
+        axes.plot(_margin(row, row["median"]), i, marker, color=color, markersize=5)
         sign = "≥" if row["bar"]["least"] else "≤"
         text = f"{_number(row['median'])} {row['unit']} (bar {sign} {_number(row['bar']['limit'])})"
         axes.annotate(
@@ -110,7 +110,7 @@ def _margin(row: Mapping, value: float) -> float:
 
 
 def _full_label(row: Mapping) -> str:
-    """Name a row out of its place in the table, where ``…`` stands for the row above."""
+    """Return a row's label outside of the table, with ``…`` replaced by the row above."""
     return row["label"].replace("… ", f"{row['key'].partition('.')[0]}: ")
 
 
@@ -153,7 +153,7 @@ def _draw_shares(axes: Axes, rows: Sequence[Mapping]) -> None:
 
 
 def _logarithmic(axes: Axes, which: str, ticks: Sequence[float] | None = None) -> None:
-    """Make an axis logarithmic, with plain numbers at few places."""
+    """Make an axis logarithmic, with few plain tick labels."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     (axes.set_xscale if which == "x" else axes.set_yscale)("log")
     axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))

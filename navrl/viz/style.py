@@ -1,7 +1,7 @@
-"""One look for all pictures: colours that colour-blind readers tell apart, fonts for print.
+"""Shared style of all pictures: color-blind-safe colors, fonts for print.
 
-Figures are made without pyplot, so that no display is needed and nobody's backend or settings
-change.
+Figures are created without pyplot, so that no display is needed and global matplotlib settings are
+not changed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#7F7F7F"
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
-"""Okabe and Ito's palette; yellow is left out of lines, being too pale on white."""
+"""Okabe and Ito's palette; yellow is not used for lines, since it is too pale on white."""
 _DASHES = ("-", "--", "-.", ":")
 
 SPATIAL_COLORS = LinearSegmentedColormap.from_list("spatial", ["#FFFFFF", SKY, BLUE])
@@ -46,20 +46,20 @@ _RC = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.prop_cycle": matplotlib.cycler(color=CYCLE),
-    "svg.fonttype": "none",  # text stays text
-    "svg.hashsalt": "navrl",  # the same picture, the same file
+    "svg.fonttype": "none",  # text is stored as text
+    "svg.hashsalt": "navrl",  # reproducible files
 }
 
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Use the look inside a ``with`` block only."""
+    """Apply the style inside a ``with`` block."""
     with matplotlib.rc_context(_RC):
         yield
 
 
 def line_look(i: int) -> dict[str, str]:
-    """Return colour and dash of the i-th line: where colours come again, dashes do not."""
+    """Return color and dash of the i-th line; repeated colors have other dashes."""
     return {
         "color": CYCLE[i % len(CYCLE)],
         "linestyle": _DASHES[i // len(CYCLE) % len(_DASHES)],
@@ -67,16 +67,16 @@ def line_look(i: int) -> dict[str, str]:
 
 
 def plain_text(text: str) -> str:
-    """Return a text from a file as matplotlib draws it literally: dollars begin no formula."""
+    """Escape a text from a file, so that matplotlib draws dollar signs literally."""
     return text.replace("$", r"\$")
 
 
 def save_figure(figure: Figure, file: str | Path) -> Path:
-    """Write a figure so that equal pictures give equal files.
+    """Write a figure reproducibly: equal figures give equal files.
 
     Args:
-        figure: What to write.
-        file: Its suffix chooses the format; missing folders are made.
+        figure: Figure to write.
+        file: Its suffix determines the format; missing folders are created.
 
     Raises:
         ValueError: If the suffix is neither ``.png``, ``.svg`` nor ``.pdf``.

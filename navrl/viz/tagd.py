@@ -1,4 +1,4 @@
-"""How temporal accumulation group descriptors come about, in five steps and a close-up."""
+"""Figure of the computation of TAGDs in five steps and a close-up."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from navrl.viz.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
 _NOW, _BEFORE, _CENTER = BLUE, ORANGE, GREEN
 _CLOSE_UP_M = 0.55  # half the width of the close-up
-_AT_REST_M = 0.02  # less is noise, and no arrow could show it
+_AT_REST_M = 0.02  # less is noise and too short for an arrow
 _NO_RETURN = 1e-3  # m short of the maximum range
 _TOLERANCE_RAD = 1e-6
 
@@ -25,29 +25,30 @@ _TOLERANCE_RAD = 1e-6
 def save_tagd(
     recording: Recording, file: str | Path, step: int | None = None, group_radius: float = 0.25
 ) -> Path:
-    """Draw two scans on their way to descriptors, as the paper's schematic does.
+    """Draw the computation of descriptors from two scans, as in the paper's schematic.
 
-    1. Both scans as the robot saw them; 2. the earlier one aligned by ICP; 3. a centre on each ray
-    at its sector's nearest return; 4. the groups around the centres; 5. the centroids of both times
-    and the motion between them. The sixth panel enlarges the descriptor that moves most.
+    1. Both scans in their own robot frames; 2. the earlier one aligned by ICP; 3. a center on each
+       ray
+    at its sector's nearest return; 4. the groups around the centers; 5. the centroids of both times
+    and the motion between them. The sixth panel enlarges the descriptor with the largest motion.
 
     Args:
-        recording: An episode whose pipeline made TAGDs.
+        recording: Episode with TAGDs.
         file: ``.png``, ``.svg`` or ``.pdf``.
-        step: 1 to T. The one that shows a walking pedestrian best if ``None``.
-        group_radius: m, the distance d_thresh within which points belong to a centre.
+        step: 1 to T. The one that shows a moving pedestrian best if ``None``.
+        group_radius: m, the distance d_thresh within which points belong to a center.
 
     Returns:
         The file.
 
     Raises:
-        ValueError: If the episode has no TAGDs, or ``step`` is none of the above.
+        ValueError: If the episode has no TAGDs, or ``step`` is out of range.
 
     Reference:
         Paper Sec. IV-A, Algorithm 1 and the figure of the TAGD generation process.
     """
     if recording.tagd is None or recording.points is None or recording.points_aligned is None:
-        raise ValueError("recording: has no TAGDs; play a policy whose pipeline makes them")
+        raise ValueError("recording: has no TAGDs; must be of a policy with TAGDs in its pipeline")
     step = _most_telling_step(recording) if step is None else step
     if not 1 <= step <= recording.num_steps:
         raise ValueError(f"step={step}: must be between 1 and {recording.num_steps}")
@@ -71,14 +72,14 @@ def save_tagd(
 
 
 class _Stage:
-    """The points of one step, robot frame at t."""
+    """Points of one step, robot frame at t."""
 
     def __init__(self, recording: Recording, step: int, group_radius: float) -> None:
         self.max_range, self.group_radius = recording.max_range, group_radius
         self.robot_radius = recording.robot_radius
         self.now = _returned(recording.points[step], recording.max_range)
         self.before = _returned(recording.points[step - 1], recording.max_range)
-        # What is aligned keeps its order, so the earlier scan tells which beams had a return.
+        # Alignment preserves the order of points, so the earlier scan has the mask of returns.
         hit = _is_return(recording.points[step - 1], recording.max_range)
         self.aligned = recording.points_aligned[step][hit]
         tagd = recording.tagd[step]
@@ -89,23 +90,23 @@ class _Stage:
 
     @property
     def motion(self) -> np.ndarray:
-        """``[N_c]`` m, zero where a half is filled in."""
+        """Motion of descriptors ``[N_c]`` m, zero without two valid centroids."""
         moved = np.linalg.norm(self.centroids - self.previous_centroids, axis=-1)
         return np.where(self.valid, moved, 0.0)
 
     @property
     def used(self) -> np.ndarray:
-        """``[N_c]`` bool, centres that a return has set."""
+        """Mask ``[N_c]`` of centers with a return."""
         return np.linalg.norm(self.centers, axis=-1) < self.max_range - _NO_RETURN
 
 
 def group_centers(points: np.ndarray, count: int, max_range: float) -> np.ndarray:
-    """Return ``[count, 2]`` m, on each ray the distance of its sector's nearest return.
+    """Return the group centers ``[count, 2]`` m, on each ray at its sector's nearest return.
 
     Args:
-        points: ``[n, 2]`` m, real returns, robot frame.
+        points: ``[n, 2]`` m, returns, robot frame.
         count: Number of rays N_c.
-        max_range: m, where the centre lies without a return.
+        max_range: Distance of a center without return, m.
     """
     angle = 2 * np.pi * np.arange(count) / count
     offset = np.arctan2(points[:, 1], points[:, 0])[None] - angle[:, None]
@@ -132,7 +133,7 @@ def _draw_aligned(axes: Axes, stage: _Stage) -> None:
 
 
 def _draw_centers(axes: Axes, stage: _Stage) -> None:
-    _frame(axes, stage, "3. a centre on each ray, at the nearest return")
+    _frame(axes, stage, "3. a center on each ray, at the nearest return")
     rays = np.stack([np.zeros_like(stage.centers), stage.centers], axis=1)
     axes.add_collection(LineCollection(rays, colors=GREY, linewidths=0.5, zorder=1))
     _dots(axes, stage.now, _NOW)
@@ -140,7 +141,7 @@ def _draw_centers(axes: Axes, stage: _Stage) -> None:
 
 
 def _draw_groups(axes: Axes, stage: _Stage) -> None:
-    _frame(axes, stage, "4. groups: points near a centre")
+    _frame(axes, stage, "4. groups: points near a center")
     _group_circles(axes, stage)
     for points, color in ((stage.aligned, _BEFORE), (stage.now, _NOW)):
         _dots(axes, points, "#C8C8C8")
@@ -239,7 +240,7 @@ def _handles() -> list[Line2D | Patch]:
         Patch(facecolor=PURPLE, label="robot, its front to the right"),
         Line2D([], [], color=_BEFORE, linestyle="", marker=".", label="scan at t-1"),
         Line2D([], [], color=_NOW, linestyle="", marker=".", label="scan at t"),
-        Line2D([], [], color=_CENTER, linestyle="", marker="+", label="centre $g_i$"),
+        Line2D([], [], color=_CENTER, linestyle="", marker="+", label="center $g_i$"),
         Line2D(
             [],
             [],
@@ -248,7 +249,7 @@ def _handles() -> list[Line2D | Patch]:
             markerfacecolor="none",
             markeredgecolor=_CENTER,
             markersize=9,
-            label="group, within $d_{thresh}$ of its centre",
+            label="group, within $d_{thresh}$ of its center",
         ),
         Line2D([], [], color=_BEFORE, marker="s", label="centroid $c_{t-1}$", **square),
         Line2D([], [], color=_NOW, marker="o", label="centroid $c_t$", **square),
@@ -265,7 +266,7 @@ def _returned(points: np.ndarray, max_range: float) -> np.ndarray:
 
 
 def _most_telling_step(recording: Recording) -> int:
-    """Return the step at which a walking pedestrian's descriptor moves most beyond the others'."""
+    """Return the step with the largest motion of a pedestrian's descriptor above the others."""
     best, chosen = -np.inf, 1
     for step in range(1, recording.num_steps + 1):
         boxes, earlier = recording.pedestrian_boxes[step], recording.pedestrian_boxes[step - 1]
@@ -279,7 +280,7 @@ def _most_telling_step(recording: Recording) -> int:
         near = np.linalg.norm(stage.centroids[:, None] - people[None], axis=-1).min(axis=1) < 0.4
         if not near.any():
             continue
-        # What stands moves by what ICP missed: such a step would explain little.
+        # Static objects move by ICP's error: steps with a large error are unsuitable.
         missed = float(stage.motion[~near].max(initial=0.0))
         beyond = float(stage.motion[near].max()) - missed
         if beyond > best:

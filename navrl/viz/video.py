@@ -1,4 +1,4 @@
-"""An episode as MP4, where the program ffmpeg is installed."""
+"""MP4 videos of episodes by the program ffmpeg."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from navrl.evaluation.recording import Recording
 from navrl.files import replacing_path
 from navrl.viz.animation import render_frames
 
-_HOLD_S = 1.5  # s for which the last frame stays longer
+_HOLD_S = 1.5  # s, additional duration of the last frame
 
 
 def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -> Path:
-    """Draw an episode as a film in H.264, which browsers and slides play.
+    """Write an episode as an H.264 video, playable in browsers and slides.
 
     Args:
         recording: The episode.
-        file: ``.mp4``; missing folders are made.
-        fps: Frames, which are steps, a second; as fast as it was if ``None``.
+        file: ``.mp4``; missing folders are created.
+        fps: Frames (steps) per second; real time if ``None``.
 
     Returns:
         The file.
@@ -31,7 +31,7 @@ def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -
     Raises:
         FileNotFoundError: If the program ffmpeg is not on the path.
         OSError: If the disk is full.
-        RuntimeError: If ffmpeg fails, with its words.
+        RuntimeError: If ffmpeg fails, with its message.
         ValueError: If ``fps`` is not within 0 to 50, or the suffix is not ``.mp4``.
     """
     file, fps = Path(file), 1.0 / recording.time_step_s if fps is None else fps
@@ -64,6 +64,6 @@ def _encode(program: str, frames: np.ndarray, fps: float, file: Path) -> None:
 
 
 def _even(frame: np.ndarray) -> np.ndarray:
-    """Pad to even sides, as H.264 needs them, by repeating the border."""
+    """Pad to even sides, as required by H.264, by repeating the border."""
     height, width = frame.shape[:2]
     return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -1,4 +1,4 @@
-"""Worlds as data: scenarios, their generators and named sets of them. No physics."""
+"""Scenarios as data, their generators and named suites, without physics."""
 
 # ruff: noqa: E402 - missing packages are reported before a module that needs them is imported
 

@@ -1,4 +1,4 @@
-"""Many scenarios as tensors: the form in which simulators take them."""
+"""Batches of scenarios as tensors, the input of simulators."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ScenarioBatch:
     Args:
         boxes: ``[S, W, 5]`` float64 walls; rows from ``num_boxes`` on are padding.
         num_boxes: ``[S]`` int64.
-        num_furniture: ``[S]`` int64, how many of them, the last ones, are furniture.
+        num_furniture: ``[S]`` int64, number of furniture boxes, which are the last ones.
         start: ``[S, 3]`` float64 robot pose.
         goal: ``[S, 2]`` float64 m.
         path: ``[S, MAX_PATH_POINTS, 2]`` float32 m, padded by repeating the goal.
@@ -61,18 +61,18 @@ class ScenarioBatch:
         max_boxes: int | None = None,
         max_pedestrians: int | None = None,
     ) -> ScenarioBatch:
-        """Stack scenarios.
+        """Stack scenarios into a batch.
 
         Args:
             scenarios: At least one.
-            max_boxes: W; the largest number found if ``None``.
-            max_pedestrians: K; the largest number found, at least 1, if ``None``.
+            max_boxes: W; if ``None``, the largest number of the scenarios.
+            max_pedestrians: K; if ``None``, the largest number of the scenarios, at least 1.
 
         Raises:
             ValueError: If there is no scenario, or one does not fit.
         """
         if not scenarios:
-            raise ValueError("scenarios: need at least one, got none")
+            raise ValueError("scenarios=[]: must have at least one")
         boxes = max(len(s.boxes) for s in scenarios)
         people = max(len(s.pedestrians) for s in scenarios)
         for name, limit, found in (
@@ -80,7 +80,7 @@ class ScenarioBatch:
             ("max_pedestrians", max_pedestrians, people),
         ):
             if limit is not None and found > limit:
-                raise ValueError(f"{name}={limit}: a scenario has {found}")
+                raise ValueError(f"{name}={limit}: must be >= {found}, as in one of the scenarios")
         width = max_boxes or max(boxes, 1), max_pedestrians or max(people, 1)
         kinds = tuple(sorted({scenario.kind for scenario in scenarios}))
         rows = [_row(scenario, *width, kinds.index(scenario.kind)) for scenario in scenarios]
@@ -101,7 +101,7 @@ class ScenarioBatch:
     def from_tensors(
         cls, tensors: Mapping[str, Tensor], kinds: Sequence[str] = ()
     ) -> ScenarioBatch:
-        """Rebuild from :meth:`tensors`, also from those written before there was furniture."""
+        """Rebuild from :meth:`tensors`; older data without furniture is accepted."""
         tensors = {"num_furniture": torch.zeros_like(tensors["num_boxes"]), **tensors}
         return cls(**{name: tensors[name] for name in _tensor_names()}, kinds=tuple(kinds))
 
@@ -114,13 +114,13 @@ class ScenarioBatch:
         return replace(self, **{name: value.to(device) for name, value in self.tensors().items()})
 
     def with_num_dynamic(self, count: Tensor) -> ScenarioBatch:
-        """Keep each scenario's first ``count [S]`` dynamic pedestrians and all static ones."""
+        """Return each scenario with its first ``count [S]`` dynamic and all static pedestrians."""
         dynamic = self.ped_present & ~self.ped_static
         kept = dynamic.cumsum(dim=-1) <= count.unsqueeze(-1)
         return replace(self, ped_present=self.ped_present & (self.ped_static | kept))
 
     def without_pedestrians(self, empty: Tensor) -> ScenarioBatch:
-        """Remove everybody from the scenarios where ``empty [S]`` is true."""
+        """Remove all pedestrians from the scenarios where ``empty [S]`` is true."""
         present = self.ped_present & ~empty.unsqueeze(-1)
         return replace(self, ped_present=present)
 
@@ -170,21 +170,21 @@ def _row(
 
 
 def pedestrian_boxes(batch: ScenarioBatch, time_s: Tensor) -> Tensor:
-    """Return where the pedestrians are.
+    """Return the pedestrians' boxes at given times.
 
-    The position along the route is a triangle wave of time: there and back at constant speed. The
-    yaw is the direction of travel; somebody who stands has yaw 0.
+    The position along the route is a triangle wave of time: back and forth at constant speed. The
+    yaw is the direction of travel; stationary pedestrians have yaw 0.
 
     Args:
         batch: S scenarios.
         time_s: ``[S]`` s since the start.
 
     Returns:
-        ``[S, K, 5]`` float64 (cx, cy, hx, hy, yaw), world; NaN rows where nobody is.
+        ``[S, K, 5]`` float64 (cx, cy, hx, hy, yaw), world; NaN rows for absent pedestrians.
     """
     length = batch.route_arc[..., -1]
-    travelled = batch.ped_offset + batch.ped_speed * time_s.double().unsqueeze(-1)
-    phase = torch.remainder(travelled, (2 * length).clamp_min(1e-9))
+    traveled = batch.ped_offset + batch.ped_speed * time_s.double().unsqueeze(-1)
+    phase = torch.remainder(traveled, (2 * length).clamp_min(1e-9))
     returning = phase > length
     arc = torch.where(returning, 2 * length - phase, phase).clamp_min(0.0)
     ends = batch.route_arc[..., 1:].contiguous()

@@ -1,4 +1,4 @@
-"""A long, narrow corridor with closed ends."""
+"""Long, narrow corridor with closed ends."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ class Corridor:
     """Straight corridor; start and goal in opposite corners.
 
     Args:
-        length: (least, most) m, clear.
-        width: (least, most) m, clear.
-        inset: m from start and goal to the walls of their corners.
+        length: (min, max) m, clear.
+        width: (min, max) m, clear.
+        inset: Distance of start and goal to the walls of their corners, m.
 
     Raises:
         ValueError: If a range is not positive or not ordered, or ``inset`` does not fit.
@@ -38,7 +38,7 @@ class Corridor:
         x, y = generator.uniform(*self.length) / 2, generator.uniform(*self.width) / 2
         corner = np.array([x - self.inset, y - self.inset])
         start = corner * generator.choice([-1.0, 1.0], size=2)
-        x, y = x + WALL_THICKNESS / 2, y + WALL_THICKNESS / 2  # the walls' centre lines
+        x, y = x + WALL_THICKNESS / 2, y + WALL_THICKNESS / 2  # the walls' center lines
         boxes = np.array(
             [wall(-x, -y, x, -y), wall(-x, y, x, y), wall(-x, -y, -x, y), wall(x, -y, x, y)]
         )

@@ -1,4 +1,4 @@
-"""From (suite, seed, index) to a scenario."""
+"""Distribution of scenarios, sampled by (suite, seed, index)."""
 
 from __future__ import annotations
 
@@ -18,29 +18,28 @@ _TRIES = 50
 
 @dataclass(frozen=True)
 class WeightedWorld:
-    """A world generator and how often it is drawn, relative to the others."""
+    """World generator with its relative frequency."""
 
     world: World
     weight: float = 1.0
 
 
 class ScenarioDistribution:
-    """Draw worlds, paths and pedestrians.
+    """Sample scenarios: worlds, paths and pedestrians.
 
     Args:
-        worlds: Generator and weight by name; ``None`` leaves one out.
-        num_dynamic: (least, most) dynamic pedestrians, uniform.
-        num_static: (least, most) static pedestrians, uniform.
-        speed: (least, most) m/s of dynamic pedestrians, uniform.
+        worlds: Generator and weight by name; ``None`` removes one.
+        num_dynamic: (min, max) dynamic pedestrians, uniform.
+        num_static: (min, max) static pedestrians, uniform.
+        speed: (min, max) m/s of dynamic pedestrians, uniform.
         half_size: m, half sides of every pedestrian's cuboid.
-        has_walls: Whether walls stay after all has been planned with them (the paper's open-space
-            test removes them).
-        keep_dynamic: Dynamic pedestrians that stay of those placed, ``None`` for all. Distributions
-            that differ only here share everything else, static pedestrians too.
+        has_walls: Whether walls remain after planning (the paper's open-space test removes them).
+        keep_dynamic: Number of placed dynamic pedestrians to use, ``None`` for all. Distributions
+            that differ only here are equal otherwise, static pedestrians included.
 
     Raises:
-        ValueError: If a range is not ordered, a count negative or broken, a speed or size not
-            positive, or no world has weight.
+        ValueError: If a range is not ordered, a count negative or fractional, a speed or size not
+            positive, or no world has a positive weight.
 
     Reference:
         Paper Sec. IV-F: 1 to N_dyn^max dynamic and 1 to 2 static pedestrians at 0.5 to 1.0 m/s.
@@ -59,13 +58,13 @@ class ScenarioDistribution:
         ranges = {"num_dynamic": num_dynamic, "num_static": num_static, "speed": speed}
         for name, bounds in ranges.items():
             if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1]:
-                raise ValueError(f"{name}={list(bounds)}: need 0 <= least <= most")
+                raise ValueError(f"{name}={list(bounds)}: must be 0 <= min <= max")
             if name != "speed" and any(int(bound) != bound for bound in bounds):
-                raise ValueError(f"{name}={list(bounds)}: need whole numbers")
+                raise ValueError(f"{name}={list(bounds)}: must be integers")
         if not speed[0] > 0 or len(half_size) != 2 or not min(half_size) > 0:
             raise ValueError(
-                f"speed={list(speed)}, half_size={list(half_size)}: must be > 0; num_static places "
-                "those who stand"
+                f"speed={list(speed)}, half_size={list(half_size)}: must be > 0; num_static "
+                "places stationary pedestrians"
             )
         self.worlds = {name: item for name, item in worlds.items() if item is not None}
         weights = np.array([item.weight for item in self.worlds.values()])
@@ -76,8 +75,8 @@ class ScenarioDistribution:
         self.speed, self.half_size = tuple(speed), tuple(half_size)
         if keep_dynamic is not None and not 0 <= keep_dynamic <= num_dynamic[0]:
             raise ValueError(
-                f"keep_dynamic={keep_dynamic}: need 0 <= keep_dynamic <= {num_dynamic[0]}, the "
-                "least of num_dynamic"
+                f"keep_dynamic={keep_dynamic}: must be in 0 to {num_dynamic[0]}, the minimum of "
+                "num_dynamic"
             )
         self.has_walls, self.keep_dynamic = has_walls, keep_dynamic
 
@@ -85,7 +84,7 @@ class ScenarioDistribution:
         """Return scenario ``index``; the same arguments always give the same one.
 
         Raises:
-            RuntimeError: If many draws in a row cannot be planned (an impossible configuration).
+            RuntimeError: If planning fails in many consecutive draws (an infeasible configuration).
         """
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))

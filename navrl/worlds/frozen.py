@@ -1,4 +1,4 @@
-"""Episodes that a name and a version stand for, for ever: known by their hashes."""
+"""Frozen episodes of a suite's name and version, verified by hash."""
 
 from __future__ import annotations
 
@@ -13,25 +13,24 @@ from navrl.untrusted import DamagedFileError, read_json
 from navrl.worlds.scenario import Scenario
 
 FROZEN = Path(__file__).parent / "frozen"
-"""One JSON file a name, written by ``navrl-suites freeze``."""
+"""Folder with one JSON file per name, written by ``navrl-suites freeze``."""
 
 _REMEDY = "restore it: git checkout, or install navrl again"
-_DIGITS = 4  # hexadecimal, of each single episode's hash
+_DIGITS = 4  # hexadecimal digits stored of each episode's hash
 
 
 class FrozenSuiteError(ValueError):
-    """A suite's episodes are not those that were frozen under its name and version."""
+    """Error for episodes that differ from those frozen under the suite's name and version."""
 
 
 @dataclass(frozen=True)
 class FrozenEpisodes:
-    """What the package knows about a suite's episodes.
+    """Hashes of a suite's frozen episodes.
 
     Args:
-        name: Of the suite.
-        version: Goes up whenever an episode changes.
-        sha256: Hash of the first n episodes, by n; the largest n is the number of all.
-        digests: The first digits of each single episode's hash, so that a part can be checked.
+        name: Name of the suite. version: Version, incremented when an episode changes.
+        sha256: Hash of the first n episodes, by n; the largest n is the number of episodes.
+        digests: First digits of each episode's hash, so that a subset can be checked.
     """
 
     name: str
@@ -43,7 +42,7 @@ class FrozenEpisodes:
     def of(
         cls, name: str, version: int, scenarios: Sequence[Scenario], lengths: Sequence[int] = ()
     ) -> FrozenEpisodes:
-        """Freeze ``scenarios``; ``lengths`` are those of parts that have a hash of their own."""
+        """Freeze ``scenarios``; ``lengths`` are those of subsets with their own hash."""
         wanted = sorted({*lengths, len(scenarios)})
         hashes = {length: episodes_hash(scenarios[:length]) for length in wanted}
         return cls(name, version, hashes, tuple(map(_digest, scenarios)))
@@ -52,12 +51,12 @@ class FrozenEpisodes:
         """Compare generated episodes with the frozen ones.
 
         Args:
-            indices: Their numbers.
+            indices: Indices of the episodes.
             scenarios: The episodes.
 
         Raises:
-            FrozenSuiteError: If one differs or is beyond the last, naming the suite, what was
-                expected and what was found.
+            FrozenSuiteError: If an episode differs or its index is too large; the message has the
+                suite and the expected and computed hashes.
         """
         whose = f"suite {self.name}, version {self.version}"
         if max(indices, default=0) >= len(self.digests):
@@ -95,10 +94,10 @@ class FrozenEpisodes:
 
     @classmethod
     def load(cls, file: Path) -> FrozenEpisodes:
-        """Read what :meth:`save` wrote.
+        """Read a file written by :meth:`save`.
 
         Raises:
-            DamagedFileError: If the file is damaged or holds something else.
+            DamagedFileError: If the file is damaged or has other content.
         """
         plain = read_json(file, _REMEDY)
         try:
@@ -115,10 +114,10 @@ class FrozenEpisodes:
 
 @functools.cache
 def frozen_episodes(name: str, version: int) -> FrozenEpisodes:
-    """Return what is frozen under ``name`` and ``version``.
+    """Return the episodes frozen under ``name`` and ``version``.
 
     Raises:
-        FrozenSuiteError: If nothing is, or under another version.
+        FrozenSuiteError: If there are none, or only of another version.
     """
     file = FROZEN / f"{name}.json"
     if not file.is_file():

@@ -1,4 +1,4 @@
-"""What a world generator makes: walls, a start, a goal, and the region in between."""
+"""Layout of a world: walls, start, goal and extent; and the interface of world generators."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 
 WALL_THICKNESS = 0.1  # m, authors' precursor
-LEAST_INSET = 0.3  # m from start and goal to a wall; nearer, the planner finds no way out
+LEAST_INSET = 0.3  # m from start and goal to a wall; the planner finds no path from closer points
 
 
 @dataclass(frozen=True)
 class Layout:
-    """An empty world.
+    """World without pedestrians.
 
     Args:
         boxes: ``[W, 5]`` axis-aligned walls, m.
@@ -29,7 +29,7 @@ class Layout:
 
 
 class World(Protocol):
-    """A generator of layouts; the kind of world is its class's ``kind``."""
+    """Interface of layout generators; the class attribute ``kind`` names the kind of world."""
 
     kind: str
 
@@ -39,18 +39,18 @@ class World(Protocol):
 
 
 def check_inset(inset: float, most: float) -> float:
-    """Return ``inset`` if start and goal can be planned from and lie in their own half.
+    """Return ``inset`` if the planner can start there and it is within half the world.
 
     Raises:
-        ValueError: Otherwise.
+        ValueError: If it is outside the allowed range.
     """
     if not LEAST_INSET <= inset <= most:
-        raise ValueError(f"inset={inset}: need {LEAST_INSET} <= inset <= {most:.3g} m")
+        raise ValueError(f"inset={inset}: must be in {LEAST_INSET} to {most:.3g} m")
     return float(inset)
 
 
 def wall(x0: float, y0: float, x1: float, y1: float) -> list[float]:
-    """Return the box around a straight, axis-aligned wall's centre line, with square ends."""
+    """Return the box around a straight, axis-aligned wall's center line, with square ends."""
     half = WALL_THICKNESS / 2
     return [
         (x0 + x1) / 2,
@@ -62,12 +62,12 @@ def wall(x0: float, y0: float, x1: float, y1: float) -> list[float]:
 
 
 def check_range(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
-    """Return ``bounds`` as a pair if it is positive and ordered.
+    """Return ``bounds`` as a pair if both are positive and ordered.
 
     Raises:
-        ValueError: Otherwise, naming it.
+        ValueError: If they are not, with ``name`` in the message.
     """
     low, high = bounds
     if not 0 < low <= high:
-        raise ValueError(f"{name}={list(bounds)}: need 0 < low <= high")
+        raise ValueError(f"{name}={list(bounds)}: must be 0 < low <= high")
     return float(low), float(high)

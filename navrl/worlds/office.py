@@ -1,4 +1,4 @@
-"""Rooms joined by doorways."""
+"""Office of rooms connected by doorways."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import numpy as np
 
 from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, wall
 
-_LEAST_DOOR = 0.7  # m; through a narrower one the planner keeps no clearance
+_LEAST_DOOR = 0.7  # m; narrower ones have no cell with the planner's clearance
 Room = tuple[float, float, float, float]
 
 
 class Office:
-    """A square of fixed outer size, split at random into rooms; start and goal in opposite corners.
+    """Square office, split at random into rooms; start and goal in opposite corners.
 
-    The square is halved by a wall with a doorway, and each half that is long enough again, across.
+    A wall with a doorway halves the square, and another one may halve each half across.
 
     Args:
         size: m, outer side, walls included.
         door: m, clear width of a doorway.
-        min_room: m, least side of a room, between the centre lines of its walls.
-        inset: m from start and goal to the walls of their corners.
+        min_room: m, minimum side of a room, between the center lines of its walls.
+        inset: Distance of start and goal to the walls of their corners, m.
 
     Raises:
         ValueError: If the robot does not fit through a door, a door into the smallest room, two
@@ -38,7 +38,7 @@ class Office:
         fits = _LEAST_DOOR <= door < min_room - 4 * WALL_THICKNESS
         if not fits or not 2 * min_room <= size - WALL_THICKNESS:
             raise ValueError(
-                f"door={door}, min_room={min_room}, size={size}: need {_LEAST_DOOR} <= door, "
+                f"door={door}, min_room={min_room}, size={size}: must be {_LEAST_DOOR} <= door, "
                 "door < min_room - 0.4 and 2 min_room <= size - 0.1"
             )
         self.size, self.door, self.min_room = size, door, min_room
@@ -46,7 +46,7 @@ class Office:
 
     def layout(self, generator: np.random.Generator) -> Layout:
         """Draw a layout."""
-        half = (self.size - WALL_THICKNESS) / 2  # to the outer walls' centre lines
+        half = (self.size - WALL_THICKNESS) / 2  # to the outer walls' center lines
         boxes = [
             wall(-half, -half, half, -half),
             wall(-half, half, half, half),
@@ -59,7 +59,7 @@ class Office:
         boxes += _split(first, cut, -half, half, door)
         for low, high in ((-half, cut), (cut, half)):
             if generator.random() < 0.15:
-                continue  # some rooms stay whole
+                continue  # some rooms are not split
             cross = self._cut_beside(generator, -half, half, door)
             if cross is not None:
                 inner = self._door(generator, low, high)
@@ -69,13 +69,13 @@ class Office:
 
     def _door(self, generator: np.random.Generator, low: float, high: float) -> Room:
         margin = self.door / 2 + 2 * WALL_THICKNESS
-        centre = generator.uniform(low + margin, high - margin)
-        return centre - self.door / 2, centre + self.door / 2
+        center = generator.uniform(low + margin, high - margin)
+        return center - self.door / 2, center + self.door / 2
 
     def _cut_beside(
         self, generator: np.random.Generator, low: float, high: float, door: Room
     ) -> float | None:
-        """Draw where a wall meets the first one: off its doorway, with room on each side."""
+        """Draw the position of a wall on the first one, away from its doorway."""
         gap = 2 * WALL_THICKNESS
         spans = [
             (low + self.min_room, min(door[0] - gap, high - self.min_room)),
@@ -90,7 +90,7 @@ class Office:
 
 
 def _split(axis: int, at: float, low: float, high: float, door: Room) -> list[list[float]]:
-    """Return the two pieces of a wall across ``axis`` with a doorway in it."""
+    """Return the two segments of a wall across ``axis`` with a doorway."""
     half = WALL_THICKNESS / 2
     pieces = ((low, door[0] - half), (door[1] + half, high))
     if axis == 0:

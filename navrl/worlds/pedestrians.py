@@ -1,4 +1,4 @@
-"""Where pedestrians walk and stand: the first ones around the robot's path."""
+"""Placement of pedestrians on and around the robot's path."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from navrl.worlds.scenario import MAX_ROUTE_POINTS, Pedestrian
 _TRIES = 30
 _CROSSING_TRIES = 4
 _TOUCH = 0.3  # m between path and route at which robot and pedestrian, 0.33 m, would collide
-_PASSAGE = 0.5  # m, least gap beside somebody who stands: the robot is 0.36 m wide
-_OFF_ENDS = 1.2  # m from somebody who stands to the path's ends, authors' precursor
+_PASSAGE = 0.5  # m, minimum gap beside a stationary pedestrian: the robot is 0.36 m wide
+_OFF_ENDS = 1.2  # m from a stationary pedestrian to the path's ends, authors' precursor
 
 
 class PedestrianPlacer:
-    """Sample pedestrians for one empty world.
+    """Sampler of pedestrians for one world.
 
-    The first dynamic pedestrian walks the robot's path towards it, the second between two places
-    beside that path, the others between places drawn anywhere, on routes that touch the path.
-    Static ones stand on the path.
+    The first dynamic pedestrian walks the robot's path in the opposite direction, the second
+    between two points beside that path, the others between random points on routes that touch the
+    path. Static pedestrians are on the path.
 
     Args:
         generator: Source of all randomness.
         grid: Clearance map of the world.
         path: ``[P, 2]`` m, the robot's path.
-        inflation: m that routes keep off the walls where they can.
-        start_clearance: m, no walker begins nearer to the robot's start.
-        half_size: m, of every cuboid.
+        inflation: Preferred distance of routes to the walls, m.
+        start_clearance: Minimum distance of dynamic pedestrians to the robot's start, m.
+        half_size: Half side of every cuboid, m.
 
     Reference:
-        Paper Sec. IV-F1: the first ones around the robot's path, and all others cross it. Standing
-        on the path at least 1.2 m from its ends, and the pedestrian that walks the robot's path
-        backwards, are the authors' precursor's.
+        Paper Sec. IV-F1: the first ones are around the robot's path, and all others cross it. The
+        distance of 1.2 m from static pedestrians to the path's ends, and the pedestrian that walks
+        the robot's path backwards, are from the authors' precursor.
     """
 
     def __init__(
@@ -62,10 +62,10 @@ class PedestrianPlacer:
         return self._walker(self._crossing(), speed)
 
     def static(self) -> Pedestrian:
-        """Sample somebody who stands on the path and leaves a way past on every side.
+        """Sample a stationary pedestrian on the path that leaves a passage on every side.
 
         Raises:
-            NoPathError: If the path has no such place left.
+            NoPathError: If the path has no such position.
         """
         ends = self.path[[0, -1]]
         for _ in range(_TRIES):
@@ -75,12 +75,12 @@ class PedestrianPlacer:
             if off_ends and self._leaves_passage(place):
                 self._standing.append(place)
                 return Pedestrian(place[None], 0.0, 0.0, self.half_size)
-        raise NoPathError("nobody can stand on the path and leave a way past")
+        raise NoPathError("no position on the path leaves a passage beside a stationary pedestrian")
 
     def _leaves_passage(self, place: np.ndarray) -> bool:
-        """Whether the robot fits between ``place``'s cuboid and each wall and each other one.
+        """Check that the robot fits between ``place``'s cuboid and all walls and other cuboids.
 
-        It can then walk once around each cuboid, so that none of them closes a way.
+        It can then drive around each cuboid, so that none of them blocks a passage.
         """
         half = max(self.half_size)
         others = np.array(self._standing).reshape(-1, 2)
@@ -89,22 +89,22 @@ class PedestrianPlacer:
         return min(gaps) >= _PASSAGE
 
     def _walker(self, route: np.ndarray, speed: float) -> Pedestrian:
-        """Start somewhere on the way there or back, but not near the robot."""
+        """Return a pedestrian at a random position of its route, not near the robot."""
         there = float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
         for _ in range(_TRIES):
             offset = self.generator.uniform(0.0, 2 * there)
             along = min(offset, 2 * there - offset)
             if length(_at(route, along) - self.path[0]) >= self.start_clearance:
                 return Pedestrian(route, speed, offset, self.half_size)
-        raise NoPathError("a pedestrian's route lies wholly at the robot's start")
+        raise NoPathError("a pedestrian's whole route is too close to the robot's start")
 
     def _oncoming(self) -> np.ndarray:
-        """The robot's path backwards; its last part, up to a quarter, may be left out."""
+        """Return the reversed robot's path, without up to a quarter at its end."""
         kept = self.path[round(len(self.path) * self.generator.uniform(0.0, 0.25)) :]
         return simplify(kept[::-1])
 
     def _beside(self) -> np.ndarray:
-        """Between two places within 0.6 m of the path, at least 2 m apart."""
+        """Return a route between two points within 0.6 m of the path, at least 2 m apart."""
         for _ in range(_TRIES):
             ends = self.path[self.generator.integers(len(self.path), size=2)]
             ends = ends + self.generator.uniform(-0.6, 0.6, size=(2, 2))
@@ -114,7 +114,7 @@ class PedestrianPlacer:
         return self._oncoming()
 
     def _crossing(self) -> np.ndarray:
-        """Between two places anywhere, by a route that touches the robot's path."""
+        """Return a route between two random points that touches the robot's path."""
         for _ in range(_CROSSING_TRIES):
             field = self._shared_field()
             start = self.grid.sample_free(self.generator, self.inflation)
@@ -127,7 +127,7 @@ class PedestrianPlacer:
         return self._through()
 
     def _through(self) -> np.ndarray:
-        """From anywhere to a point of the path and on to anywhere else, 2 m of way or more."""
+        """Return a route of at least 2 m between two random points through a point of the path."""
         middle = self._field(self.path[self.generator.integers(len(self.path))])
         for _ in range(_TRIES):
             ends = [self.grid.sample_free(self.generator, self.inflation) for _ in range(2)]
@@ -138,7 +138,7 @@ class PedestrianPlacer:
         raise NoPathError("no route leads through the robot's path")
 
     def _shared_field(self) -> Field:
-        """Fields cost most of a scenario's time: three goals serve all who walk anywhere."""
+        """Return one of three shared fields, since fields take most of the generation time."""
         if len(self._fields) < 3:
             goal = self.grid.sample_free(self.generator, self.inflation)
             self._fields.append(self._field(goal))
@@ -153,7 +153,7 @@ class PedestrianPlacer:
 
 
 def simplify(points: np.ndarray, tolerance: float = 0.03) -> np.ndarray:
-    """Drop points that lie within ``tolerance`` m of the line between those kept (Douglas-Peucker).
+    """Simplify a polyline to within ``tolerance`` m by the Douglas-Peucker algorithm.
 
     Raises:
         NoPathError: If more than ``MAX_ROUTE_POINTS`` are left.

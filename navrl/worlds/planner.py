@@ -1,4 +1,4 @@
-"""Global paths on an inflated occupancy grid."""
+"""Global path planning on an inflated occupancy grid."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from skimage.measure import label
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
 _SPACING = 0.1  # m between points of a finished path
-_INFLATIONS = (0.4, 0.3, 0.25)  # m, the widest that still connects start and goal is taken
+_INFLATIONS = (0.4, 0.3, 0.25)  # m, the largest that connects start and goal is used
 
 
 class NoPathError(ValueError):
-    """Two points are not connected at the wanted clearance."""
+    """Error for two points that are not connected at the required clearance."""
 
 
 class Grid:
-    """Clearance map of a world and shortest routes on it.
+    """Clearance map of a world with shortest routes.
 
     Args:
         boxes: ``[W, 5]`` walls, axis-aligned (yaw 0), m.
-        extent: (x0, y0, x1, y1) m, the region that is planned in.
-        inside: ``[2]`` m, a point of the free space that is meant. What cannot be reached from it,
-            such as the far side of an outer wall, counts as wall.
-        cell: m.
+        extent: (x0, y0, x1, y1) m, region of planning.
+        inside: ``[2]`` m, a point of the free space. Cells that are not reachable from it, such as
+            those outside the outer walls, count as occupied.
+        cell: Size of a grid cell, m.
 
     Reference:
         Paper Sec. III: A* on a map of the empty environment. A* and the Dijkstra field used here
-        return the same lengths; one field serves every route to the same goal.
+        return the same lengths; one field gives all routes to the same goal.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Grid:
         self.boxes, self.origin, self.cell = boxes, np.array(extent[:2]), cell
         x = np.arange(extent[0] + cell / 2, extent[2], cell)
         y = np.arange(extent[1] + cell / 2, extent[3], cell)
-        # Axis-aligned boxes: each axis alone first, then one outer sum a box.
+        # Axis-aligned boxes: each axis separately, then one outer sum per box.
         dx = (np.abs(x[None] - boxes[:, :1]) - boxes[:, 2:3]).clip(min=0.0)
         dy = (np.abs(y[None] - boxes[:, 1:2]) - boxes[:, 3:4]).clip(min=0.0)
         squared = np.full((len(x), len(y)), np.inf)
@@ -59,7 +59,7 @@ class Grid:
         return cells.clip(0, np.array(self.clearance.shape) - 1)
 
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance ``[*B]`` m to the nearest wall from the points' cells' centres."""
+        """Return the distance ``[*B]`` m from the points' cells to the nearest wall."""
         cells = self.index(np.asarray(points))
         return self.clearance[cells[..., 0], cells[..., 1]]
 
@@ -69,29 +69,29 @@ class Grid:
         return np.linalg.norm(gap.clip(min=0.0), axis=-1).min(axis=-1, initial=np.inf)
 
     def field(self, goal: np.ndarray, inflation: float) -> Field:
-        """Return all shortest routes to ``goal`` that keep ``inflation`` m off the walls."""
+        """Return all shortest routes to ``goal`` with clearance ``inflation`` m."""
         return Field(self, goal, inflation)
 
     def sample_free(self, generator: np.random.Generator, inflation: float) -> np.ndarray:
-        """Draw the centre of a cell that is at least ``inflation`` m off the walls.
+        """Draw the center of a cell with a clearance of at least ``inflation`` m.
 
         Raises:
             NoPathError: If there is none.
         """
         free = np.argwhere(self.clearance >= inflation)
         if not len(free):
-            raise NoPathError(f"inflation={inflation}: no cell is that far off the walls")
+            raise NoPathError(f"inflation={inflation}: no cell has that clearance")
         return self.origin + (free[generator.integers(len(free))] + 0.5) * self.cell
 
     def is_visible(self, a: np.ndarray, b: np.ndarray, inflation: float) -> bool:
-        """Whether the straight way from a to b keeps ``inflation`` m off the walls."""
+        """Return whether the line from a to b has a clearance of at least ``inflation`` m."""
         count = max(int(np.ceil(length(b - a) / (self.cell / 2))), 1)
         way = a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)
         return bool((self.clearance_at(way) >= inflation).all())
 
 
 class Field:
-    """Shortest routes from anywhere to one goal."""
+    """Shortest routes from all cells to one goal."""
 
     def __init__(self, grid: Grid, goal: np.ndarray, inflation: float) -> None:
         self.grid, self.goal, self.inflation = grid, np.asarray(goal, dtype=float), inflation
@@ -102,11 +102,11 @@ class Field:
         self._distance, _ = self._search.find_costs([cell])
 
     def reaches(self, start: np.ndarray) -> bool:
-        """Whether a route from ``start`` exists."""
+        """Return whether a route from ``start`` exists."""
         return bool(np.isfinite(self._distance[tuple(self.grid.index(start))]))
 
     def route(self, start: np.ndarray) -> np.ndarray:
-        """Return the string-pulled route ``[R, 2]`` m from ``start`` to the goal.
+        """Return the shortcut route ``[R, 2]`` m from ``start`` to the goal (string pulling).
 
         Raises:
             NoPathError: If there is none.
@@ -121,7 +121,7 @@ class Field:
     def _pull(self, points: np.ndarray) -> np.ndarray:
         kept, anchor, last = [0], 0, len(points) - 1
         while anchor < last:
-            # Halve the stretch that is surely too long: a few looks instead of one a point.
+            # Bisect the longest visible stretch: a few visibility checks instead of one per point.
             low, high = anchor + 1, last + 1
             if self._sees(points, anchor, last):
                 low = last
@@ -140,15 +140,16 @@ class Field:
 
 
 def length(vector: np.ndarray) -> float:
-    """Return the length of ``vector`` [2], in which all machines agree to the last bit.
+    """Return the length of ``vector`` [2], equal on all machines to the last bit.
 
-    ``np.linalg.norm`` takes a single vector to BLAS, which on some of them fuses sum and product.
+    ``np.linalg.norm`` calls BLAS for a single vector, which fuses sum and product on some
+    machines.
     """
     return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1])
 
 
 def resample(points: np.ndarray, spacing: float = _SPACING) -> np.ndarray:
-    """Return points ``spacing`` m apart (a little less) along a polyline, both ends kept."""
+    """Resample a polyline to points at most ``spacing`` m apart, including both ends."""
     arc = np.concatenate([[0.0], np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()])
     count = max(int(np.ceil(arc[-1] / spacing - 1e-9)), 1)
     at = np.linspace(0.0, arc[-1], count + 1)
@@ -156,14 +157,14 @@ def resample(points: np.ndarray, spacing: float = _SPACING) -> np.ndarray:
 
 
 def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8) -> np.ndarray:
-    """Round a polyline's corners by a moving average, as far as the clearance allows.
+    """Smooth a polyline by a moving average, as far as the clearance allows.
 
     Args:
         points: ``[R, 2]`` m.
         grid: Clearance map.
-        clearance: m that rounded corners keep off the walls.
-        window: m of path that is averaged; halved until the result is clear, and if no window is
-            clear the polyline stays as it is.
+        clearance: Minimum distance of smoothed corners to the walls, m.
+        window: Length of the average, m; halved until the clearance holds. If it holds for no
+            window, the polyline is not changed.
 
     Returns:
         ``[P, 2]`` m, points about 0.1 m apart.
@@ -171,7 +172,7 @@ def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8
     dense = resample(points)
     while window > 2 * _SPACING:
         half = int(window / _SPACING / 2)
-        # Mirroring through the ends keeps them where they are.
+        # Point reflection at the ends keeps the ends fixed.
         head = 2 * dense[0] - dense[half:0:-1]
         tail = 2 * dense[-1] - dense[-2 : -half - 2 : -1]
         padded = np.concatenate([head, dense, tail])
@@ -185,7 +186,7 @@ def smooth(points: np.ndarray, grid: Grid, clearance: float, window: float = 0.8
 
 
 def plan(grid: Grid, start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the smoothed path ``[P, 2]`` m and the inflation it was found at.
+    """Return the smoothed path ``[P, 2]`` m and its inflation, m.
 
     Raises:
         NoPathError: If start and goal are not connected.

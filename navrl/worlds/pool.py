@@ -1,4 +1,4 @@
-"""Training scenarios, generated once and drawn from ever after."""
+"""Pool of training scenarios, generated once and drawn at random."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ _MAX_CACHE_BYTES = 8 * 2**30  # 100,000 scenarios have about 2 GB
 
 
 class ScenarioPool:
-    """Packed scenarios of a suite, drawn at random with fresh sensor noise.
+    """Packed scenarios of a suite, drawn at random with new sensor noise.
 
-    Planning a scenario takes longer than driving through it, so training draws from a fixed pool.
-    Draws depend on the generator alone, so runs are reproducible.
+    Planning a scenario takes longer than simulating it, so training draws from a fixed pool. Draws
+    depend only on the generator, so runs are reproducible.
 
     Args:
-        suite: Where the scenarios come from. Its distribution should place as many dynamic
-            pedestrians as the highest level of the curriculum; a draw keeps some of them.
-        num_workers: Processes that generate.
-        cache: File that the packed scenarios are kept in; ``None`` keeps them in memory only. A
-            file made for another suite, or a damaged one, is not used but replaced, and one that
-            cannot be written is left out with a warning.
-        empty_share: Share of draws without any pedestrian. Not in the paper: a robot that always
-            meets somebody half-way never sees its goal, and cannot learn what to do there.
+        suite: Source of the scenarios. Its distribution should place as many dynamic pedestrians as
+            the highest curriculum level; a draw uses some of them.
+        num_workers: Number of generating processes.
+        cache: File of the packed scenarios; ``None`` stores them in memory only. A file of another
+            suite, or a damaged one, is replaced; a failure to write it causes a warning.
+        empty_share: Share of draws without pedestrians. Not in the paper: a robot that always meets
+            a pedestrian half-way never reaches its goal and cannot learn from it.
 
     Raises:
         ValueError: If ``empty_share`` is outside [0, 1].
@@ -62,7 +61,7 @@ class ScenarioPool:
         return len(self.batch)
 
     def to(self, device: torch.device | str) -> ScenarioPool:
-        """Return a pool whose scenarios are in the memory of ``device``; its draws are the same."""
+        """Return the pool with its scenarios on ``device``; its draws are the same."""
         pool = copy.copy(self)
         pool.batch, pool._num_dynamic = self.batch.to(device), self._num_dynamic.to(device)
         return pool
@@ -73,11 +72,11 @@ class ScenarioPool:
         """Draw scenarios with replacement.
 
         Args:
-            generator: Source of all randomness, on the CPU whatever the pool's device, so that the
-                same seed gives the same episodes everywhere.
-            count: How many.
-            max_dynamic: Each keeps 1 to this many of its dynamic pedestrians, uniformly; ``None``
-                keeps all.
+            generator: Source of all randomness, on the CPU for every device of the pool, so that a
+                seed gives the same episodes on all devices.
+            count: Number of scenarios.
+            max_dynamic: Each scenario uses 1 to this many of its dynamic pedestrians, uniformly;
+                ``None`` uses all.
         """
         rows = torch.randint(len(self.batch), (count,), generator=generator)
         empty = torch.rand(count, generator=generator) < self.empty_share
@@ -85,7 +84,7 @@ class ScenarioPool:
         return batch.without_pedestrians(empty.to(self.batch.start.device))
 
     def all(self, generator: torch.Generator, max_dynamic: int | None = None) -> ScenarioBatch:
-        """Return every scenario once, in order, varied as in :meth:`draw` but never emptied."""
+        """Return every scenario once, in order, varied as in :meth:`draw` but with pedestrians."""
         return self._vary(torch.arange(len(self.batch)), generator, max_dynamic)
 
     def _vary(
@@ -105,7 +104,7 @@ class ScenarioPool:
 
 
 def _fingerprint(suite: Suite) -> str:
-    """Tell suites apart by a few of their scenarios, and versions of this package by its source."""
+    """Return a hash of a few of the suite's scenarios and of the generating source code."""
     source = hashlib.sha256()
     for file in sorted(Path(__file__).parent.glob("*.py")):
         source.update(file.read_bytes())
@@ -114,7 +113,7 @@ def _fingerprint(suite: Suite) -> str:
 
 
 def _load(cache: Path, suite: Suite) -> ScenarioBatch | None:
-    """Return the scenarios in a cache file; ``None`` if they are to be generated again."""
+    """Return the scenarios of a cache file; ``None`` if they must be generated again."""
     try:
         arrays = read_arrays(cache, "the scenarios are generated again", _MAX_CACHE_BYTES)
         if str(arrays.pop("fingerprint", "")) != _fingerprint(suite):

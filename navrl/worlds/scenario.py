@@ -1,4 +1,4 @@
-"""A scenario: everything that fixes an episode but the robot's commands, as plain data."""
+"""Scenarios: plain data that determines an episode except the robot's commands."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from navrl.files import write_text
 from navrl.untrusted import DamagedFileError, read_text
 
 MAX_ROUTE_POINTS = 32
-"""Most points that a pedestrian's route may have."""
+"""Maximum number of points of a pedestrian's route."""
 MAX_PATH_POINTS = 200
-"""Most points that a global path may have."""
+"""Maximum number of points of a global path."""
 _FORMAT = "navrl-scenario-1"
 _MAX_NAME = 200  # characters of a suite or a kind of world
 _KINDS = {"suite": str, "kind": str} | dict.fromkeys(
     ("seed", "index", "noise_seed", "num_furniture"), int
 )
-_DECIMALS = 6  # of metres and radians in a fingerprint
+_DECIMALS = 6  # of meters and radians in a fingerprint
 
 
 @dataclass(frozen=True)
 class Pedestrian:
-    """A cuboid that walks its route back and forth and gives way to nobody.
+    """Non-reactive pedestrian: a cuboid that walks its route back and forth.
 
     Args:
-        route: ``[R, 2]`` m, world; one point for somebody who stands.
-        speed: m/s; 0 for somebody who stands.
-        offset: m, where it is at time zero in the back-and-forth coordinate: 0 to L is the way
-            there, L to 2 L the way back.
-        half_size: m, half depth (along the way) and half width.
+        route: ``[R, 2]`` m, world; one point for a stationary pedestrian.
+        speed: m/s; 0 for a stationary pedestrian.
+        offset: Position at time zero in the back-and-forth coordinate, m: 0 to L is forth, L to 2 L
+            is back.
+        half_size: Half depth (along the route) and half width, m.
 
     Raises:
         ValueError: If a value is out of range.
 
     Reference:
-        Paper Sec. IV-F1. The paper gives no size; 0.26 to 0.30 m is the authors' precursor's.
+        Paper Sec. IV-F1. The paper gives no size; 0.26 to 0.30 m is from the authors' precursor.
     """
 
     route: np.ndarray
@@ -50,7 +50,7 @@ class Pedestrian:
     def __post_init__(self) -> None:
         shape = np.shape(self.route)
         if len(shape) != 2 or shape[1] != 2 or not 1 <= shape[0] <= MAX_ROUTE_POINTS:
-            raise ValueError(f"route: need [1..{MAX_ROUTE_POINTS}, 2], got {list(shape)}")
+            raise ValueError(f"route.shape={list(shape)}: must be [1..{MAX_ROUTE_POINTS}, 2]")
         if not (self.speed >= 0 and self.offset >= 0 and min(self.half_size) > 0):
             raise ValueError(
                 f"speed={self.speed}, offset={self.offset}: must be >= 0; "
@@ -59,29 +59,29 @@ class Pedestrian:
 
     @property
     def is_static(self) -> bool:
-        """Whether it stands still."""
+        """Return whether the pedestrian is stationary."""
         return self.speed == 0.0
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Walls, path, people, start and goal of one episode.
+    """Walls, path, pedestrians, start and goal of one episode.
 
     Fully determined by ``(suite, seed, index)``, and the same on every simulator.
 
     Args:
-        suite: Name of the suite or distribution it comes from.
+        suite: Name of its suite or distribution.
         seed: Seed of the suite.
-        index: Number within the suite.
+        index: Index within the suite.
         kind: World type, e.g. ``corridor``.
         boxes: ``[W, 5]`` walls (cx, cy, hx, hy, yaw), m and rad, world.
         start: ``[3]`` robot pose (x, y, yaw).
         goal: ``[2]`` m.
         path: ``[P, 2]`` m, global path from start to goal, points about 0.1 m apart.
         pedestrians: Dynamic ones first, then static ones.
-        noise_seed: Seeds the lidar's noise, in [0, 2**32).
-        num_furniture: How many of ``boxes``, the last ones, are furniture and no walls. It only
-            tells collisions apart; robot and lidar make no difference.
+        noise_seed: Seed of the lidar's noise, in [0, 2**32).
+        num_furniture: Number of ``boxes``, the last ones, that are furniture instead of walls. It
+            only classifies collisions; robot and lidar do not distinguish them.
 
     Raises:
         ValueError: If a shape is wrong, or there is more furniture than boxes.
@@ -107,18 +107,18 @@ class Scenario:
                 want is None or want == have for want, have in zip(shape, got, strict=True)
             )
             if not fits:
-                raise ValueError(f"{name}: need shape {list(shape)}, got {list(got)}")
+                raise ValueError(f"{name}.shape={list(got)}: must be {list(shape)}")
         if not 2 <= len(self.path) <= MAX_PATH_POINTS:
-            raise ValueError(f"path: need 2 to {MAX_PATH_POINTS} points, got {len(self.path)}")
+            raise ValueError(f"path: must have 2 to {MAX_PATH_POINTS} points, got {len(self.path)}")
         if not 0 <= self.num_furniture <= len(self.boxes):
             raise ValueError(
-                f"num_furniture={self.num_furniture}: need 0 to {len(self.boxes)}, all boxes"
+                f"num_furniture={self.num_furniture}: must be in 0 to {len(self.boxes)}, all boxes"
             )
 
     def to_dict(self) -> dict:
-        """Return plain lists and numbers; floats survive the round trip exactly.
+        """Return plain lists and numbers, from which floats are restored exactly.
 
-        ``num_furniture`` is left out if it is 0: scenarios without keep the hash they always had.
+        ``num_furniture`` is omitted if it is 0, so that older scenarios have the same hash.
         """
         plain = {
             name: value.tolist() if isinstance(value, np.ndarray) else value
@@ -142,20 +142,20 @@ class Scenario:
         """Rebuild from :meth:`to_dict`.
 
         Raises:
-            ValueError: If the format is unknown, a key is missing, one is not known or has a value
-                of the wrong kind.
+            ValueError: If the format or a key is unknown, a key is missing, or a value has the
+                wrong type.
         """
         try:
             return cls._from_dict(plain)
         except (AttributeError, KeyError, OverflowError, TypeError) as error:
             reason = f"{type(error).__name__}: {error}"
-            raise ValueError(f"scenario: a value is of the wrong kind ({reason})") from error
+            raise ValueError(f"scenario: a value is of the wrong type ({reason})") from error
 
     @classmethod
     def _from_dict(cls, plain: Mapping) -> Scenario:
         plain = {"num_furniture": 0, **plain}
         if plain.pop("format", None) != _FORMAT:
-            raise ValueError(f"scenario: need format {_FORMAT!r}")
+            raise ValueError(f"scenario: format must be {_FORMAT!r}")
         missing = sorted(cls.__dataclass_fields__.keys() - plain.keys())
         unknown = sorted(plain.keys() - cls.__dataclass_fields__.keys())
         if missing or unknown:
@@ -189,7 +189,7 @@ class Scenario:
     def fingerprint(self) -> str:
         """Return :meth:`to_json` with lengths and angles rounded to 1e-6, for hashes.
 
-        An arctangent's last bit depends on the processor's instructions; a micrometre does not.
+        The last bit of an arctangent depends on the processor; values rounded to 1e-6 do not.
         """
         return _canonical(_rounded(self.to_dict()))
 
@@ -198,25 +198,25 @@ class Scenario:
         """Rebuild from :meth:`to_json`.
 
         Raises:
-            ValueError: If it is no JSON, or as :meth:`from_dict`.
+            ValueError: If it is not JSON, or as in :meth:`from_dict`.
         """
         try:
             plain = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise ValueError(f"scenario: no JSON ({error})") from error
+            raise ValueError(f"scenario: not JSON ({error})") from error
         return cls.from_dict(plain)
 
     def save(self, file: str | Path) -> None:
-        """Write as JSON."""
+        """Write the scenario as JSON."""
         write_text(file, self.to_json() + "\n")
 
     @classmethod
     def load(cls, file: str | Path) -> Scenario:
-        """Read what :meth:`save` wrote.
+        """Read a file written by :meth:`save`.
 
         Raises:
-            OSError: If there is no such file, or it may not be read.
-            DamagedFileError: If it is no scenario, naming the file.
+            OSError: If the file does not exist or is not readable.
+            DamagedFileError: If it is not a scenario; the message names the file.
         """
         remedy = "save the scenario again"
         try:
@@ -232,7 +232,7 @@ def _canonical(plain: dict) -> str:
 
 
 def _rounded(value: object) -> object:
-    """Round all floats of plain data, with one zero instead of two."""
+    """Round all floats of plain data and replace -0 by 0."""
     if isinstance(value, float):
         return round(value, _DECIMALS) + 0.0
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Named sets of scenarios."""
+"""Suites: named sets of scenarios."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from navrl.worlds.scenario import Scenario
 
 
 class Distribution(Protocol):
-    """What a suite draws from, e.g. :class:`navrl.worlds.ScenarioDistribution`."""
+    """Interface of a suite's distribution, e.g. :class:`navrl.worlds.ScenarioDistribution`."""
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return scenario ``index``; the same arguments always give the same one."""
@@ -25,17 +25,17 @@ class Suite:
     """Episodes 0 to ``num_episodes`` - 1 of a distribution, under a name and a seed.
 
     Args:
-        name: For the reader, and part of what determines each scenario.
-        seed: Likewise part of it.
-        num_episodes: How many.
-        distribution: What they are drawn from.
-        version: Of the frozen episodes that the package knows under this name. Whatever is
-            generated must be among them, so that everybody plays the same; ``None`` checks nothing.
-        scenes: Takes the place of ``name`` in what determines a scenario, so that suites which
-            share it share worlds and routes; ``name`` if ``None``.
+        name: Label of the suite; it also determines the scenarios, with the seed.
+        seed: Seed of the scenarios.
+        num_episodes: Number of episodes.
+        distribution: Distribution of the scenarios.
+        version: Version of the frozen episodes of this name. Generated episodes must equal them, so
+            that scores are comparable; ``None`` disables the check.
+        scenes: Replaces ``name`` as seed of the scenarios, so that suites with the same value share
+            worlds and routes; ``name`` if ``None``.
 
     Raises:
-        ValueError: If the seed is negative or there is no episode.
+        ValueError: If the seed is negative or the number of episodes is not positive.
     """
 
     def __init__(
@@ -58,15 +58,15 @@ class Suite:
     def scenarios(
         self, indices: Iterable[int] | None = None, num_workers: int = 1
     ) -> list[Scenario]:
-        """Generate scenarios, the same for any number of worker processes.
+        """Generate scenarios; the result does not depend on the number of worker processes.
 
         Args:
-            indices: Which; all if ``None``.
-            num_workers: Processes to share the work; 1 stays in this one.
+            indices: Indices of the scenarios; all if ``None``.
+            num_workers: Number of processes; 1 uses the current one.
 
         Raises:
             ValueError: If an index is out of range.
-            FrozenSuiteError: If one is not the frozen episode of that number.
+            FrozenSuiteError: If one differs from the frozen episode of that index.
         """
         indices = list(range(self.num_episodes) if indices is None else indices)
         for index in indices:
@@ -79,22 +79,22 @@ class Suite:
 
     def _generate(self, indices: list[int], num_workers: int) -> list[Scenario]:
         sample = partial(self.distribution.sample, self.scenes, self.seed)
-        # A daemonic process, as vector environments start them, may not have children.
+        # A daemonic process, as in vector environments, cannot start children.
         if num_workers <= 1 or len(indices) < 32 or current_process().daemon:
             return [sample(index) for index in indices]
-        # Never fork: this process may run threads of torch and of the kernels.
+        # Do not fork: this process may run threads of torch and of the kernels.
         method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
         with ProcessPoolExecutor(num_workers, mp_context=get_context(method)) as workers:
             return list(workers.map(sample, indices, chunksize=16))
 
     def batch(self, num_workers: int = 1) -> ScenarioBatch:
-        """Return all scenarios packed."""
+        """Return all scenarios as a batch."""
         return ScenarioBatch.pack(self.scenarios(num_workers=num_workers))
 
     def hash(self, scenarios: list[Scenario] | None = None) -> str:
         """Return the SHA-256 of all scenarios' fingerprints, as hexadecimal digits.
 
         Args:
-            scenarios: All of them, if they were generated already.
+            scenarios: All scenarios, if already generated.
         """
         return episodes_hash(self.scenarios() if scenarios is None else scenarios)

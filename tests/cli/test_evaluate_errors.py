@@ -86,7 +86,7 @@ def test_errors_are_in_the_printed_line(raising, capsys, tmp_path):
     ("command", "words", "line"),
     [
         ("evaluate", ["policy=paper", "lidar.num_beams=720", *TINY], "lidar.num_beams=720: no ef"),
-        ("evaluate", ["policy=random", "latency=-1", *TINY], "latency=-1: episodes to be timed"),
+        ("evaluate", ["policy=random", "latency=-1", *TINY], "latency=-1: number of episodes"),
         ("play", ["policy=paper", "robot.max_speed=0.5"], "robot.max_speed=0.5: no effect"),
         ("play", ["recording=a.npz", "episode=3"], "episode=3: no effect with recording=a.npz"),
         ("train", ["suite.num_episodes=0"], "num_episodes=0: must be > 0"),

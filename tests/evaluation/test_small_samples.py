@@ -133,7 +133,8 @@ def test_a_tie_is_called_a_tie(tmp_path):
     assert "more than the next approach" not in found
     assert "Tied with paper: dwa, liang." in found
     assert (
-        "may be chance (p ≥ 0.05) by exact McNemar tests, corrected by Holm for 3: random" in found
+        "not significant (p ≥ 0.05) by exact McNemar tests, corrected by Holm for 3: random"
+        in found
     )
 
 

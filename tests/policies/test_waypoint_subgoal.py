@@ -29,7 +29,7 @@ def test_names_its_waypoint_in_the_units_of_the_subgoal():
 def test_bad_arguments_are_named(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         WaypointSubgoal(**bad)
-    with pytest.raises(ValueError, match="waypoint=2: there are only 2"):
+    with pytest.raises(ValueError, match="waypoint=2: must be < 2"):
         asked(WaypointSubgoal(waypoint=2), [[0.0, 0.0], [0.3, 0.3]])
 
 

@@ -179,7 +179,7 @@ def test_group_centers_are_those_of_the_descriptors():
 
 def test_tagd_steps_show_what_was_recorded(tmp_path, recording):
     text = save_tagd(recording, tmp_path / "tagd.svg").read_text()
-    for words in ("two scans", "aligned by ICP", "centre on each ray", "groups", "centroids"):
+    for words in ("two scans", "aligned by ICP", "center on each ray", "groups", "centroids"):
         assert words in text
     stage = tagd._Stage(recording, 5, 0.25)
     centers = stage.centers
@@ -198,9 +198,9 @@ def test_failures_leave_successes_out(tmp_path, recording):
     lost = dataclasses.replace(recording, outcome="collision_static")
     won = dataclasses.replace(recording, outcome="success")
     text = save_failures([won, lost, lost, lost], tmp_path / "lost.svg", limit=2).read_text()
-    assert ">2 of 3 lost episodes<" in text
+    assert ">2 of 3 failed episodes<" in text
     assert text.count("collision with a wall") == 2
-    assert ">1 lost episode<" in save_failures([lost, won], tmp_path / "lost.svg").read_text()
+    assert ">1 failed episode<" in save_failures([lost, won], tmp_path / "lost.svg").read_text()
     with pytest.raises(ValueError, match="none of 1 failed"):
         save_failures([won], tmp_path / "lost.svg")
     with pytest.raises(ValueError, match="limit=0"):
@@ -222,16 +222,16 @@ def test_evaluations_beside_recordings_tell_who_lost_how_many_of_how_many(tmp_pa
     write_recorded(tmp_path / "b", "dwa", [WON] * 8 + [LATE] * 2, recording)
     (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
     text = file.read_text()
-    assert ">5 of 20 episodes were lost<" in text
+    assert ">5 of 20 episodes failed<" in text
     assert text.count(">paper<") == 3 and text.count(">dwa<") == 2
     (file,) = pictures.failures([tmp_path / "a"], tmp_path / "lost", [".svg"], limit=2)
-    assert ">3 of 10 episodes were lost; 2 of them shown<" in file.read_text()
+    assert ">3 of 10 episodes failed; 2 of them shown<" in file.read_text()
     one = tmp_path / "a" / "recordings" / "000008.npz"
     (file,) = pictures.failures([one], tmp_path / "lost", [".svg"])
-    assert ">3 of 10 episodes were lost; 1 of them shown<" in file.read_text()
+    assert ">3 of 10 episodes failed; 1 of them shown<" in file.read_text()
     (tmp_path / "b" / "summary.json").unlink()  # unfinished: nobody knows
     (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
-    assert ">5 lost episodes<" in file.read_text() and ">paper<" in file.read_text()
+    assert ">5 failed episodes<" in file.read_text() and ">paper<" in file.read_text()
 
 
 def test_a_strip_names_the_episode_and_who_played_it(tmp_path, recording):

@@ -34,9 +34,9 @@ def test_the_page_says_who_is_better_and_by_how_much(page):
     next_best = (
         r"On the same 12 episodes these are 8.3 points more than the next approach, [^<]*evil"
     )
-    assert re.search(next_best + r"[^<]*p = 1.000\), which may be chance", text)
-    assert re.search(r"may be chance \(p ≥ 0.05\)[^<]*oracle", text)
-    assert "dwa" not in re.search(r"may be chance[^<]*", text)[0]
+    assert re.search(next_best + r"[^<]*p = 1.000\), which is not significant", text)
+    assert re.search(r"not significant \(p ≥ 0.05\)[^<]*oracle", text)
+    assert "dwa" not in re.search(r"not significant[^<]*", text)[0]
     assert '<th scope="row">oracle*</th>' in text
     assert '<th scope="row">mine</th><td data-value="2">2</td>' in text
 
@@ -88,7 +88,7 @@ def test_without_the_reference_the_best_fair_one_is_compared_with(tmp_path):
     text = write_report([tmp_path], tmp_path / "report.html").read_text()
     assert "liang succeeds in 75.0 %" in text
     assert "50.0 points more than the next approach, subgoal" in text
-    assert "p = 0.031), which is hardly chance" in text
+    assert "p = 0.031), which is significant" in text
     assert "Differences are to liang." in text
     assert "success vs liang, points" in text
     text = write_report([tmp_path], tmp_path / "report.html", reference="dwa").read_text()
@@ -117,7 +117,7 @@ def test_collisions_are_told_apart_by_who_moved_and_what_was_touched(tmp_path):
         "success": [1],
         "robot moved into a pedestrian": [1],
         "pedestrian moved into the robot": [1],
-        "collision with a pedestrian, blame not kept": [1],
+        "collision with a pedestrian, fault unknown": [1],
         "collision with a wall": [1],
         "collision with furniture": [1],
         "collision with a wall or furniture": [1],
@@ -199,7 +199,7 @@ def test_a_story_tells_who_moved_into_whom_and_where(recording):
     assert told(contact=Contact.PEDESTRIAN).startswith("The robot moved into a pedestrian after ")
     assert told(contact=Contact.RUN_INTO).startswith("A pedestrian moved into the robot after ")
     assert "; contact was 40° to the left of the robot's heading." in told(contact=Contact.RUN_INTO)
-    assert "who moved into whom was not kept" in told(contact=None)
+    assert "the at-fault party was not recorded" in told(contact=None)
     row = {"outcome": HIT, "run_into": "1", "moved_into_pedestrian": "0"}
     assert told(row, contact=None).startswith("A pedestrian moved into the robot after ")
     scenario = json.loads(recording.scenario)
@@ -208,7 +208,7 @@ def test_a_story_tells_who_moved_into_whom_and_where(recording):
     furnished = json.dumps(scenario | {"num_furniture": len(scenario["boxes"])})
     told_furniture = told(**static, scenario=furnished)
     assert told_furniture.startswith("The robot hit a piece of furniture after ")
-    assert told(outcome="timeout", contact=0).startswith("Time was up after ")
+    assert told(outcome="timeout", contact=0).startswith("The time limit was reached after ")
 
 
 def test_a_limit_keeps_lost_episodes_and_says_so(folder, tmp_path):

@@ -1,4 +1,4 @@
-"""Metrics: small pure functions of trajectories, each with its unit, definition and source."""
+"""Metrics: pure functions of trajectories, each with unit, definition and source."""
 
 from navrl.evaluation.metrics.efficiency import (
     duration,

@@ -1,4 +1,4 @@
-"""How much way and time episodes take."""
+"""Path efficiency and time metrics."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from navrl.evaluation.metrics.trajectory import Trajectory, total
 from navrl.ops.contact import MOVING_SPEED
 from navrl.ops.path import project_onto_path
 
-_LEAST_PROGRESS = 1e-3  # m a step; less is rounding
+_LEAST_PROGRESS = 1e-3  # m per step; less is rounding
 
 
 def duration(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` s from the start to the end, whatever the end; a last cut step counts whole.
+    """Return ``[E]`` s from start to end; a last step cut short by a contact counts whole.
 
     Reference:
         Paper Table I, navigation time.
@@ -43,8 +43,8 @@ def path_length(trajectory: Trajectory) -> np.ndarray:
 def spl(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` in [0, 1], success weighted by path length: S L* / max(L, L*).
 
-    L* is the length of the planned path, which keeps the robot's radius and more off the walls and
-    knows no pedestrians; L that of the way driven.
+    L* is the length of the planned path, which has more than the robot's radius of clearance and
+    ignores pedestrians; L that of the driven path.
 
     Reference:
         Anderson et al., "On Evaluation of Embodied Navigation Agents", 2018.
@@ -56,11 +56,11 @@ def spl(trajectory: Trajectory) -> np.ndarray:
 def stl(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` in [0, 1], success weighted by time: S T* / max(T, T*).
 
-    T* = L* / (the robot's maximum speed), the planned path driven without any turn or stop.
+    T* = L* / (the robot's maximum speed), the planned path driven without turns or stops.
 
     Reference:
-        Francis et al. 2023; iGibson Social Navigation Challenge 2021. Theirs takes T* from an
-        optimal planner with the robot's dynamics; ours is a lower bound of it.
+        Francis et al. 2023; iGibson Social Navigation Challenge 2021. There, T* is from an optimal
+        planner with the robot's dynamics; ours is a lower bound of it.
     """
     fastest = trajectory.planned_length / trajectory.max_speed
     return success(trajectory) * fastest / np.maximum(duration(trajectory), fastest)
@@ -70,22 +70,22 @@ def stalled_time(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` s of whole steps with a mean speed of at most 0.05 m/s.
 
     Reference:
-        ST of Francis et al. 2023 (v = 0); 0.05 m/s is ours, the speed below which a robot moves
-        into nobody.
+        ST of Francis et al. 2023 (v = 0); 0.05 m/s is ours, the speed below which a robot is not at
+        fault for a contact.
     """
     slow = _moved(trajectory) <= MOVING_SPEED * trajectory.time_step_s
     return _seconds(trajectory, slow)
 
 
 def time_without_progress(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` s of whole steps that brought the robot no further along its path than before.
+    """Return ``[E]`` s of whole steps without new progress along the path.
 
     Progress is the arc length of the position's projection on the planned path, as the policy sees
-    it; driving back and again over the same stretch is no progress.
+    it; driving back and forth on the same part is no progress.
 
     Reference:
-        FP, failure to progress, of Francis et al. 2023, who count straight-line distance to the
-        goal; along the path, a way round a wall is progress too.
+        FP, failure to progress, of Francis et al. 2023, who use the straight-line distance to the
+        goal; along the path, a detour around a wall is progress too.
     """
     gained = np.diff(_progress(trajectory), axis=1)
     return _seconds(trajectory, gained < _LEAST_PROGRESS)
@@ -101,7 +101,7 @@ def _seconds(trajectory: Trajectory, steps: np.ndarray) -> np.ndarray:
 
 
 def _progress(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E, T + 1]`` m along the planned path, never falling."""
+    """Return the non-decreasing progress ``[E, T + 1]`` m along the planned path."""
     path = torch.from_numpy(np.asarray(trajectory.path, dtype=np.float32))
     position = torch.from_numpy(np.nan_to_num(trajectory.pose[..., :2]).astype(np.float32))
     progress, found = None, []

@@ -1,4 +1,4 @@
-"""How episodes end, and who is to blame. Each metric is 1 where it holds and 0 elsewhere."""
+"""Outcome metrics, including the at-fault party; 1 where the condition holds, else 0."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from navrl.sim import Contact
 
 
 def success(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` whether the goal was reached in time and without any contact.
+    """Return ``[E]`` whether the goal was reached in time without contact.
 
     Reference:
         Paper Sec. V-A, goal within 0.2 m; SR of Francis et al. 2023 (arXiv 2306.16740).
@@ -21,7 +21,7 @@ def success(trajectory: Trajectory) -> np.ndarray:
 
 
 def timeout(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` whether the time was up before goal and contact.
+    """Return ``[E]`` whether the time limit was reached before goal and contact.
 
     Reference:
         Paper Sec. V-A, 150 steps of 0.2 s; TO of Francis et al. 2023.
@@ -30,7 +30,7 @@ def timeout(trajectory: Trajectory) -> np.ndarray:
 
 
 def collision(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` whether the robot touched anything.
+    """Return ``[E]`` whether there was any contact.
 
     Reference:
         Paper Sec. V-A; C of Francis et al. 2023.
@@ -39,7 +39,7 @@ def collision(trajectory: Trajectory) -> np.ndarray:
 
 
 def moved_into_pedestrian(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` whether the robot moved into a person: faster than 0.05 m/s and towards it.
+    """Return ``[E]`` whether the robot hit a pedestrian: above 0.05 m/s and towards them.
 
     Reference:
         The human collisions (HC) of Francis et al. 2023 with the robot at fault; the rule is ours,
@@ -49,10 +49,10 @@ def moved_into_pedestrian(trajectory: Trajectory) -> np.ndarray:
 
 
 def run_into(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` whether a person moved into the robot.
+    """Return ``[E]`` whether a pedestrian moved into the robot.
 
     Reference:
-        The rest of HC of Francis et al. 2023; they are collisions all the same, as in the paper.
+        The other part of HC of Francis et al. 2023; counted as collisions too, as in the paper.
     """
     return (trajectory.contact == Contact.RUN_INTO).astype(float)
 
@@ -76,7 +76,7 @@ def collision_furniture(trajectory: Trajectory) -> np.ndarray:
 
 
 def _static(trajectory: Trajectory, furniture: bool) -> np.ndarray:
-    """What was touched is the box nearest to the robot's centre when it stopped."""
+    """Return ``[E]`` whether the touched box, the one nearest to the robot, is furniture."""
     touched = trajectory.contact == Contact.STATIC
     if trajectory.boxes.shape[1] == 0:
         return touched.astype(float) * (not furniture)

@@ -1,4 +1,4 @@
-"""How long a controller thinks."""
+"""Latency of a controller's decisions."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import numpy as np
 
 
 def controller_latency(decision_s: Sequence[float]) -> dict[str, float]:
-    """Return statistics of how long decisions took.
+    """Return statistics of decision times.
 
-    It is measured by the clock, so it is no part of the files that are the same byte for byte.
+    Latency depends on the clock, so it is not part of the reproducible files.
 
     Args:
         decision_s: s of each call of the policy, from the observation to the command; at least one.
-            The first call, which may compile or allocate, should not be among them.
+            Exclude the first call, which may compile or allocate.
 
     Returns:
         ``mean_ms``, ``median_ms``, ``p95_ms``, ``max_ms`` and ``calls``.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there are no values.
 
     Reference:
         Computation time, the most common addition to the metrics of Francis et al. 2023.
     """
     if not len(decision_s):
-        raise ValueError("decision_s: need at least one decision, got none")
+        raise ValueError("decision_s=[]: must have at least one decision")
     ms = 1e3 * np.asarray(decision_s, dtype=float)
     return {
         "mean_ms": float(ms.mean()),

@@ -1,7 +1,7 @@
-"""How smoothly the robot drives: finite differences of its poses at the control step, unsmoothed.
+"""Smoothness metrics: finite differences of poses at the control step, unsmoothed.
 
-A step that a contact cut short has no known duration and is left out. Successive speeds are one
-time step apart; the start from rest counts for nothing. NaN where an episode is too short.
+A step cut short by a contact has no known duration and is excluded. Successive speeds are one time
+step apart; the acceleration from rest at the start is excluded. NaN if an episode is too short.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def max_speed(trajectory: Trajectory) -> np.ndarray:
 
 
 def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^2, the mean size of the change of speed, braking included.
+    """Return ``[E]`` m/s^2, the mean absolute acceleration, including braking.
 
     Reference:
         A_avg of Francis et al. 2023.
@@ -45,7 +45,7 @@ def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
 
 
 def max_acceleration(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^2, the largest size of the change of speed, braking included.
+    """Return ``[E]`` m/s^2, the maximum absolute acceleration, including braking.
 
     Reference:
         A_max of Francis et al. 2023.
@@ -54,7 +54,7 @@ def max_acceleration(trajectory: Trajectory) -> np.ndarray:
 
 
 def mean_jerk(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^3, the mean size of the change of acceleration.
+    """Return ``[E]`` m/s^3, the mean absolute jerk.
 
     Reference:
         J_avg of Francis et al. 2023.
@@ -63,7 +63,7 @@ def mean_jerk(trajectory: Trajectory) -> np.ndarray:
 
 
 def max_jerk(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s^3, the largest size of the change of acceleration.
+    """Return ``[E]`` m/s^3, the maximum absolute jerk.
 
     Reference:
         J_max of Francis et al. 2023.
@@ -72,11 +72,11 @@ def max_jerk(trajectory: Trajectory) -> np.ndarray:
 
 
 def cumulative_heading_change(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` rad, the sum of the sizes of all turns between samples.
+    """Return ``[E]`` rad, the sum of absolute heading changes between samples.
 
     Reference:
-        CHC of HuNavSim (Perez-Higueras et al. 2023). A turn by more than pi in one step would be
-        taken for the shorter one; the robot's limit is 0.63 rad a step.
+        CHC of HuNavSim (Perez-Higueras et al. 2023). A turn of more than pi per step would be
+        measured as the shorter one; the robot's limit is 0.63 rad per step.
     """
     turned = np.diff(trajectory.pose[..., 2], axis=1)
     turned = (turned + np.pi) % (2 * np.pi) - np.pi
@@ -84,7 +84,7 @@ def cumulative_heading_change(trajectory: Trajectory) -> np.ndarray:
 
 
 def _differences(trajectory: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return sizes ``[E, T - order]`` of the order-th derivative of speed, and which count."""
+    """Return the absolute order-th derivative of speed ``[E, T - order]`` and a mask."""
     value, counted = speeds(trajectory), trajectory.is_whole_step
     for _ in range(order):
         value = np.diff(value, axis=1) / trajectory.time_step_s

@@ -1,4 +1,4 @@
-"""How near people the robot comes. Distances are between surfaces, from hull to cuboid."""
+"""Metrics of the distance to pedestrians, between surfaces of hull and cuboid."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from navrl.evaluation.metrics.trajectory import Trajectory, mean
 from navrl.sim import Contact
 
 INTIMATE_M = 0.45
-"""m, end of the intimate distance (Hall, "The Hidden Dimension", 1966)."""
+"""Limit of the intimate distance, m (Hall, "The Hidden Dimension", 1966)."""
 PERSONAL_M = 1.2
-"""m, end of the personal distance (Hall 1966)."""
+"""Limit of the personal distance, m (Hall 1966)."""
 
 
 def min_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m to the nearest person at the nearest sample; infinite without people.
+    """Return ``[E]`` m, the minimum distance to a pedestrian; infinite without pedestrians.
 
     Reference:
         DH_min of Francis et al. 2023 (arXiv 2306.16740).
@@ -25,7 +25,7 @@ def min_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
 
 
 def mean_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m to the nearest person, mean over samples; infinite without people.
+    """Return ``[E]`` m, the mean distance to the nearest pedestrian; infinite without any.
 
     Reference:
         DH_avg of Francis et al. 2023.
@@ -34,7 +34,7 @@ def mean_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
 
 
 def beyond_intimate(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` in [0, 1], share of samples with everybody farther than 0.45 m.
+    """Return ``[E]`` in [0, 1], share of samples with all pedestrians beyond 0.45 m.
 
     Reference:
         Space compliance of Francis et al. 2023; SocNavGym (Kapoor et al. 2023) and the iGibson
@@ -44,7 +44,7 @@ def beyond_intimate(trajectory: Trajectory) -> np.ndarray:
 
 
 def beyond_personal(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` in [0, 1], share of samples with everybody farther than 1.2 m.
+    """Return ``[E]`` in [0, 1], share of samples with all pedestrians beyond 1.2 m.
 
     Reference:
         Proxemics of HuNavSim (Perez-Higueras et al. 2023), surface to surface as here.
@@ -53,11 +53,11 @@ def beyond_personal(trajectory: Trajectory) -> np.ndarray:
 
 
 def min_time_to_collision(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` s, the least time to a contact if both went on as in the step before.
+    """Return ``[E]`` s, the minimum time to a contact at constant velocities.
 
-    Robot and people are discs here, people of their cuboid's larger half side; velocities are those
-    of the last step. Infinite if nobody was ever on a collision course, zero after a contact with a
-    person.
+    Robot and pedestrians are discs here, pedestrians with the larger half side of their cuboid as
+    radius; velocities are those of the last step. Infinite without a collision course, zero after a
+    contact with a pedestrian.
 
     Reference:
         TTC of Francis et al. 2023, constant velocities.
@@ -74,7 +74,7 @@ def min_time_to_collision(trajectory: Trajectory) -> np.ndarray:
 
 
 def _nearest(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E, T + 1]`` m to the nearest person."""
+    """Return ``[E, T + 1]`` m to the nearest pedestrian."""
     return trajectory.clearances.min(axis=-1, initial=np.inf)
 
 
@@ -84,7 +84,7 @@ def _time_to_contact(offset: np.ndarray, velocity: np.ndarray, reach: np.ndarray
     b = (offset * velocity).sum(axis=-1)
     c = (offset**2).sum(axis=-1) - reach**2
     with np.errstate(invalid="ignore", divide="ignore"):
-        root = np.sqrt(b**2 - a * c)  # NaN if they pass each other
+        root = np.sqrt(b**2 - a * c)  # NaN without a contact
         first = np.where((b < 0) & ~np.isnan(root), (-b - root) / a, np.inf)
         first = np.where(c <= 0, 0.0, first)
     return np.where(np.isnan(c), np.nan, first)

@@ -1,4 +1,4 @@
-"""What happened in a batch of episodes, as arrays: the one input of every metric."""
+"""Trajectories of a batch of episodes as arrays, the input of every metric."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from navrl.worlds import Scenario, ScenarioBatch
 if TYPE_CHECKING:
     from navrl.evaluation.recording import Recording
 
-_CONTACTS = {  # of recordings that do not tell who moved
+_CONTACTS = {  # for recordings without the at-fault party
     Outcome.COLLISION_STATIC: Contact.STATIC,
     Outcome.COLLISION_PEDESTRIAN: Contact.PEDESTRIAN,
 }
@@ -26,29 +26,29 @@ _CONTACTS = {  # of recordings that do not tell who moved
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """E episodes side by side, the longest of T steps.
+    """Batch of E episodes, the longest with T steps.
 
     Sample t of an episode is its state t time steps after the start; sample 0 is the start and
-    sample ``num_steps`` the end. Later samples are NaN and count for nothing: a metric of an
-    episode is the same number, bit for bit, whatever it is stacked with.
+    sample ``num_steps`` the end. Later samples are NaN and ignored: a metric of an episode does not
+    depend, bit for bit, on the other episodes of the batch.
 
     Args:
-        time_step_s: s between samples. A step that ends in a contact is cut short there.
+        time_step_s: s between samples. A step with a contact ends there.
         robot_radius: m.
         max_speed: m/s, the robot's limit.
         num_steps: ``[E]`` int64, at least 1.
         outcome: ``[E]`` codes of :class:`navrl.envs.Outcome`.
         contact: ``[E]`` codes of :class:`navrl.sim.Contact` at the end.
         pose: ``[E, T + 1, 3]`` (x, y, yaw) of the robot, m and rad, world.
-        pedestrians: ``[E, T + 1, K, 5]`` (cx, cy, hx, hy, yaw), m and rad, world; NaN rows where
-            nobody is.
+        pedestrians: ``[E, T + 1, K, 5]`` (cx, cy, hx, hy, yaw), m and rad, world; NaN rows for
+            absent ones.
         boxes: ``[E, W, 5]`` walls and furniture, m and rad, world; NaN rows are padding.
         is_furniture: ``[E, W]`` bool.
         path: ``[E, P, 2]`` m, world; the planned path, padded by repeating the goal.
-        planned_length: ``[E]`` m, of that path.
+        planned_length: ``[E]`` m, length of that path.
 
     Raises:
-        ValueError: If a shape does not fit, naming the array.
+        ValueError: If a shape does not fit; the message names the array.
     """
 
     time_step_s: float
@@ -82,33 +82,33 @@ class Trajectory:
             if len(got) != len(shape) or not all(
                 want in (None, have) for want, have in zip(shape, got, strict=True)
             ):
-                raise ValueError(f"{name}: need shape {list(shape)}, got {list(got)}")
+                raise ValueError(f"{name}.shape={list(got)}: must be {list(shape)}")
         if not ((self.num_steps >= 1) & (self.num_steps < samples)).all():
-            raise ValueError(f"num_steps={self.num_steps}: need 1 to {samples - 1}")
+            raise ValueError(f"num_steps={self.num_steps}: must be in 1 to {samples - 1}")
 
     def __len__(self) -> int:
         return len(self.num_steps)
 
     @cached_property
     def is_sample(self) -> np.ndarray:
-        """``[E, T + 1]`` bool, the sample is part of its episode."""
+        """Mask ``[E, T + 1]`` of samples that are part of their episode."""
         return np.arange(self.pose.shape[1]) <= self.num_steps[:, None]
 
     @cached_property
     def is_whole_step(self) -> np.ndarray:
-        """``[E, T]`` bool, the step is part of its episode and no contact cut it short."""
+        """Mask ``[E, T]`` of steps of their episode that are not cut short by a contact."""
         cut = (self.contact != Contact.NONE)[:, None]
         return np.arange(self.pose.shape[1] - 1) < self.num_steps[:, None] - cut
 
     @cached_property
     def clearances(self) -> np.ndarray:
-        """``[E, T + 1, K]`` m from the robot's hull to each person, surface to surface.
+        """Distance ``[E, T + 1, K]`` m from the robot's hull to each pedestrian.
 
-        Infinite where nobody is, zero where they touch; samples after the end are infinite.
+        Infinite for absent pedestrians, zero at a contact; samples after the end are infinite.
         """
-        centre = torch.from_numpy(np.ascontiguousarray(self.pose[..., :2]))
+        center = torch.from_numpy(np.ascontiguousarray(self.pose[..., :2]))
         boxes = torch.from_numpy(np.ascontiguousarray(self.pedestrians))
-        return (point_box_distance(centre, boxes).numpy() - self.robot_radius).clip(min=0.0)
+        return (point_box_distance(center, boxes).numpy() - self.robot_radius).clip(min=0.0)
 
     @classmethod
     def from_series(
@@ -121,10 +121,10 @@ class Trajectory:
         contact: np.ndarray,
         **constants: float,
     ) -> Trajectory:
-        """Build from what was observed; rows after an episode's end may hold anything.
+        """Build from time series; rows after an episode's end are ignored.
 
         Args:
-            scenarios: What was played, one a row.
+            scenarios: Played scenarios, one per row.
             pose: See the class.
             pedestrians: See the class.
             num_steps: See the class.
@@ -153,18 +153,20 @@ class Trajectory:
 
     @classmethod
     def from_recordings(cls, recordings: Sequence[Recording], max_speed: float) -> Trajectory:
-        """Build from recordings of any lengths, all of the same robot and time step.
+        """Build from recordings of any lengths with the same robot and time step.
 
         Args:
             recordings: At least one.
             max_speed: m/s, the robot's limit.
 
         Raises:
-            ValueError: If there is none, or robots or time steps differ.
+            ValueError: If there are no recordings, or robots or time steps differ.
         """
         constants = {(r.time_step_s, r.robot_radius) for r in recordings}
         if len(constants) != 1:
-            raise ValueError(f"recordings: need one robot and one time step, got {len(constants)}")
+            raise ValueError(
+                f"recordings: must have one robot and one time step, got {len(constants)}"
+            )
         ((time_step_s, robot_radius),) = constants
         steps = np.array([r.num_steps for r in recordings])
         outcomes = [Outcome[r.outcome.upper()] for r in recordings]
@@ -195,8 +197,8 @@ class Trajectory:
 def total(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
     """Return the sum ``[E]`` of ``values [E, T]`` where ``counted [E, T]``.
 
-    Added one after the other: numpy's own sum groups its terms by the array's length, so an
-    episode's last digit would depend on the longest of those it is stacked with.
+    The terms are added sequentially: numpy's sum groups terms by the array's length, so an
+    episode's last digit would depend on the longest episode of the batch.
     """
     if values.shape[1] == 0:
         return np.zeros(len(values))
@@ -204,12 +206,12 @@ def total(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
 
 
 def mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """Return the mean ``[E]`` of ``values [E, T]`` where ``counted``; NaN where nothing is."""
+    """Return the mean ``[E]`` of ``values [E, T]`` where ``counted``; NaN without any."""
     count = counted.sum(axis=1)
     return np.where(count > 0, total(values, counted) / np.maximum(count, 1), np.nan)
 
 
 def largest(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """Return the largest ``[E]`` of ``values [E, T]`` where ``counted``; NaN where nothing is."""
+    """Return the maximum ``[E]`` of ``values [E, T]`` where ``counted``; NaN without any."""
     found = np.where(counted, values, -np.inf).max(axis=1, initial=-np.inf)
     return np.where(counted.any(axis=1), found, np.nan)

@@ -1,4 +1,4 @@
-"""Controllers that learn nothing; they write normalised actions as trained actors do."""
+"""Classical controllers; like trained actors, they write normalized actions."""
 
 from navrl.policies.classical.dynamic_window import DynamicWindow
 from navrl.policies.classical.fixed import StandStill, UniformRandom

@@ -1,4 +1,4 @@
-"""Physical commands and the normalized actions that policies write."""
+"""Conversion between physical commands and normalized actions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from navrl.sim import DifferentialDrive
 
 
 def normalized_action(robot: DifferentialDrive, command: Tensor) -> Tensor:
-    """Scale commands to what the environment's ``ActionScaling`` undoes.
+    """Scale commands to normalized actions, the inverse of ``ActionScaling``.
 
     Args:
-        robot: Whose limits become -1 and 1.
+        robot: Robot whose limits become -1 and 1.
         command: ``[*B, 2]`` (v, w) m/s and rad/s; clipped to the limits.
 
     Returns:
@@ -28,7 +28,7 @@ def normalized_action(robot: DifferentialDrive, command: Tensor) -> Tensor:
 
 
 def physical_command(robot: DifferentialDrive, action: Tensor) -> Tensor:
-    """Undo :func:`normalized_action`: ``[*B, 2]`` in [-1, 1] to (v, w)."""
+    """Scale actions ``[*B, 2]`` in [-1, 1] to (v, w), the inverse of :func:`normalized_action`."""
     low, high = _limits(robot.command_limits, action.dtype, action.device)
     return low + (action + 1) / 2 * (high - low)
 
@@ -37,13 +37,13 @@ def last_command(robot: DifferentialDrive, tensordict: TensorDictBase) -> Tensor
     """Return the command of the last step, read from the policy's own last action.
 
     Args:
-        robot: Whose limits -1 and 1 stand for.
-        tensordict: What a policy is called with, ``[*B]``. Its ``action [*B, 2]`` is the one of the
-            step before; it is missing before the first step, and NaN in worlds that were reset
-            while others went on.
+        robot: Robot whose limits correspond to -1 and 1.
+        tensordict: Input of a policy, ``[*B]``. Its ``action [*B, 2]`` is that of the previous
+            step; it is missing before the first step, and NaN in worlds that were reset while
+            others continued.
 
     Returns:
-        ``[*B, 2]`` (v, w), m/s and rad/s; zero, at rest, where there is no last action.
+        ``[*B, 2]`` (v, w), m/s and rad/s; zero (stationary) where there is no last action.
     """
     action = tensordict.get(keys.ACTION, None)
     if action is None:
@@ -53,5 +53,5 @@ def last_command(robot: DifferentialDrive, tensordict: TensorDictBase) -> Tensor
 
 @functools.lru_cache(maxsize=16)
 def _limits(limits: tuple, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Return the limits as a tensor, copied to a device once: a copy waits for the device."""
+    """Return the limits as a cached tensor, since a copy to a device waits for the device."""
     return torch.tensor(limits, dtype=dtype, device=device)

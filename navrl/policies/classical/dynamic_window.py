@@ -1,4 +1,4 @@
-"""The dynamic window approach: look a little ahead along many arcs, take the best one."""
+"""Dynamic window approach: sample arcs, simulate them briefly, drive the best one."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from navrl.sim import DifferentialDrive
 
 
 class DynamicWindow(Controller):
-    """Follow the path among what the scan shows, by sampled arcs.
+    """Follow the path and avoid points of the scan by sampled arcs.
 
     Each pair of a speed and a turn rate within reach of the robot's wheels is an arc, driven for
-    ``horizon_steps``. Arcs that touch a point of the pooled scan are out; of the others the one
-    wins that ends nearest to the last waypoint, with room around it, close to the path. If all are
-    out, the one that stays clear for longest wins.
+    ``horizon_steps``. Arcs that touch a point of the pooled scan are rejected. The best of the
+    others ends close to the last waypoint, with clearance, close to the path. If all are rejected,
+    the arc with the latest contact is chosen.
 
-    With ``predict_motion`` the points of a group whose descriptor moved are carried along: a TAGD
-    is where the group was and is, so it walks on at that velocity. Nothing privileged is read.
+    With ``predict_motion`` the points of a moving group are predicted: a TAGD has the group's
+    previous and current position, and so its velocity. The controller is not privileged.
 
     Args:
-        robot: Whose limits, hull and wheels count.
-        predict_motion: Whether moved descriptors are carried along.
+        robot: Limits, hull and wheel acceleration.
+        predict_motion: Whether moving descriptors are predicted at constant velocity.
         time_step_s: s between two positions on an arc, and between two scans.
-        horizon_steps: Positions on an arc.
-        num_speeds: Speeds sampled.
-        num_turn_rates: Turn rates sampled; odd, so that straight on is one of them.
-        margin: m that arcs keep off points at least.
-        clearance: m beyond which more room is worth nothing.
-        clearance_weight: Worth of a metre of room, in metres nearer to the waypoint.
-        path_weight: Worth of a metre nearer to the path.
-        least_speed: m/s, a descriptor that moves slower stands: noise of scan and alignment.
-        most_speed: m/s, a faster one is a mismatch.
-        group_radius: m around a moved centroid within which points move with it.
+        horizon_steps: Number of positions on an arc.
+        num_speeds: Number of sampled speeds.
+        num_turn_rates: Number of sampled turn rates; odd, so that straight is one of them.
+        margin: Minimum distance of the hull to points, m.
+        clearance: Clearance above which more is not rewarded, m.
+        clearance_weight: Weight of clearance relative to distance to the waypoint.
+        path_weight: Weight of distance to the path relative to distance to the waypoint.
+        least_speed: m/s, slower descriptors are static: noise of scan and alignment.
+        most_speed: m/s, faster descriptors are mismatches.
+        group_radius: Distance to a moving centroid within which points move with it, m.
 
     Raises:
         ValueError: If a value is out of range.
@@ -80,7 +80,7 @@ class DynamicWindow(Controller):
         if not 0 < least_speed < most_speed:
             raise ValueError(
                 f"least_speed={least_speed}, most_speed={most_speed}: "
-                "need 0 < least_speed < most_speed"
+                "must be 0 < least_speed < most_speed"
             )
         self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS]
         self.in_keys += [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
@@ -96,7 +96,7 @@ class DynamicWindow(Controller):
         )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         batch = tensordict.batch_size
         points, returns, waypoints, *tagd = (
             tensordict.get(key).flatten(0, len(batch) - 1) if batch else tensordict.get(key)[None]
@@ -124,11 +124,11 @@ class DynamicWindow(Controller):
     def _arcs(self, samples: Tensor) -> Tensor:
         """Return ``[N, S, T, 2]`` m, positions in the robot frame after each step."""
         time_s = torch.arange(1, self.horizon_steps + 1, device=samples.device) * self.time_step_s
-        driven = samples.unsqueeze(-2) * time_s.unsqueeze(-1)  # m and rad since now
+        driven = samples.unsqueeze(-2) * time_s.unsqueeze(-1)  # m and rad from now
         return advance_poses(torch.zeros(3, device=samples.device), driven, 1.0)[..., :2]
 
     def _point_velocity(self, points: Tensor, tagd: Tensor, valid: Tensor) -> Tensor:
-        """Return ``[N, P, 2]`` m a step of points; zero where nothing moved."""
+        """Return the velocity of points, ``[N, P, 2]`` m per step; zero for static ones."""
         least, most = (speed * self.time_step_s for speed in self.speed_range)
         return point_motion(
             points, tagd, valid, least=least, most=most, group_radius=self.group_radius
@@ -140,7 +140,7 @@ class DynamicWindow(Controller):
         return room_along(arcs, points, velocity, steps) - self.robot.radius
 
     def _score(self, arcs: Tensor, room: Tensor, waypoints: Tensor) -> Tensor:
-        """Return ``[N, S]``, larger is better."""
+        """Return the score of each arc ``[N, S]``; larger is better."""
         clear = (room > self.margin).cumprod(-1)  # until the first touch
         to_goal = (arcs - waypoints[:, None, -1:]).norm(dim=-1).amin(-1)
         off_path = torch.cdist(arcs[:, :, -1], waypoints).amin(-1)
@@ -149,7 +149,7 @@ class DynamicWindow(Controller):
             - to_goal
             - self.path_weight * off_path
         )
-        # One that touches ranks behind all that do not, and then by how late it does.
+        # Arcs with a contact rank behind all others, ordered by the time of contact.
         return torch.where(clear[..., -1] > 0, worth, clear.sum(-1) - 1e3 + room[..., 0])
 
 

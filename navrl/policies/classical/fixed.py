@@ -1,4 +1,4 @@
-"""Controllers that look at nothing."""
+"""Controllers without observations."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _WEYL = (
 
 
 class StandStill(Controller):
-    """Never move.
+    """Controller that never moves.
 
     Args:
-        robot: Whose limits scale the action.
+        robot: Robot whose limits scale the action.
 
     Raises:
         ValueError: If the robot cannot stand still.
@@ -28,12 +28,12 @@ class StandStill(Controller):
     def __init__(self, robot: DifferentialDrive) -> None:
         super().__init__()
         if not robot.min_speed <= 0 <= robot.max_speed:
-            raise ValueError(f"robot: min_speed={robot.min_speed} does not allow standing still")
+            raise ValueError(f"robot.min_speed={robot.min_speed}: must be <= 0, to stand still")
         self.in_keys, self.out_keys = [], [keys.ACTION]
         self._speed = -(robot.max_speed + robot.min_speed) / (robot.max_speed - robot.min_speed)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         action = torch.zeros(*tensordict.batch_size, 2, device=tensordict.device)
         action[..., 0] = self._speed
         return tensordict.set(keys.ACTION, action)
@@ -42,12 +42,12 @@ class StandStill(Controller):
 class UniformRandom(Controller):
     """Draw each action uniformly within the limits.
 
-    Once :meth:`prepare` was called each world has draws of its own, fixed by its scenario: an
-    episode is the same whatever is played beside or before it. Until then all share one stream.
+    After :meth:`prepare` each world has its own random stream, determined by its scenario, so that
+    an episode does not depend on other episodes. Before, all worlds share one stream.
 
     Args:
-        robot: Unused; taken so that all classical controllers are built alike.
-        seed: Of the controller's own generator.
+        robot: Unused; accepted so that all classical controllers have the same interface.
+        seed: Seed of the controller's own generator.
     """
 
     def __init__(self, robot: DifferentialDrive | None = None, seed: int = 0) -> None:
@@ -57,13 +57,13 @@ class UniformRandom(Controller):
         self._generators = [torch.Generator().manual_seed(seed)]
 
     def prepare(self, scenarios: ScenarioBatch) -> None:
-        """Begin the draws of each scenario's episode."""
+        """Start the random stream of each scenario's episode."""
         shift = _WEYL * self._seed
         seeds = [(noise + shift) % 2**32 for noise in scenarios.noise_seed.tolist()]
         self._generators = [torch.Generator().manual_seed(seed) for seed in seeds]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         if list(tensordict.batch_size) == [len(self._generators)]:
             draws = torch.stack([torch.rand(2, generator=own) for own in self._generators])
         else:

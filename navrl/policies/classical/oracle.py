@@ -1,4 +1,4 @@
-"""An oracle: it knows every pedestrian's future and drives through it by a finished plan."""
+"""Oracle: privileged planner that knows every pedestrian's future."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from navrl.worlds import ScenarioBatch
 
 @dataclass(frozen=True)
 class SearchEffort:
-    """One attempt at a plan.
+    """Settings of one planning attempt.
 
     Args:
-        margin: m that the plan keeps off everything.
-        greed: Weight of the steps still to go; 1 looks for the shortest drive, more finds one
-            sooner.
-        max_nodes: Poses after which the attempt is given up.
+        margin: Clearance of the plan to all obstacles, m.
+        greed: Weight of the heuristic; 1 finds the shortest plan, higher values find one faster.
+        max_nodes: Number of expanded poses after which the attempt fails.
     """
 
     margin: float
@@ -43,27 +42,28 @@ class SearchEffort:
 
 
 class Oracle(Controller):
-    """Plan the whole drive before it begins, then replay it with closed eyes.
+    """Plan the whole episode in advance, then replay the plan.
 
-    It cheats in all things: :meth:`prepare` reads the walls and where each pedestrian will be at
-    each substep. The plan is searched in place, heading and time; its moves are arcs that a
-    unicycle drives exactly, and each is checked at every substep by the simulators' own contact
-    rule. An episode without a plan is reported as not solved, and the robot stands still in it.
+    The controller is privileged: :meth:`prepare` reads the walls and the position of each
+    pedestrian at each substep. The search space is position, heading and time; moves are arcs that
+    a unicycle drives exactly, and each is checked at every substep by the contact rule of the
+    simulators. An episode without a plan is reported as not solved, and the robot is stationary in
+    it.
 
-    What it solves can be won, so its rate is a lower bound of the ceiling. What it leaves unsolved
-    was not found by this search; that is no proof that there is no way.
+    Solved episodes are solvable, so its success rate is a lower bound of the maximum. That an
+    episode is unsolved does not prove that no plan exists.
 
     Args:
-        robot: A kinematic one: what commands do is known beforehand.
-        goal_radius: m.
+        robot: Kinematic robot, whose motion follows exactly from the commands.
+        goal_radius: Distance to the goal that counts as success, m.
         time_limit_steps: Steps in which the goal must be reached.
         time_step_s: s.
-        substeps: Contact checks a step.
-        speeds: Shares of the top speed that a step is driven at; 0 waits or turns on the spot.
-        turns: Turns of a step to the left, in shares of the most that is possible; the same to the
-            right and straight on are added. Multiples of the first.
-        cell: m; of poses that share a cell, a heading and a step only the first is followed.
-        efforts: Tried in turn until one finds a plan.
+        substeps: Contact checks per step.
+        speeds: Speeds of a step as fractions of the maximum; 0 waits or turns in place.
+        turns: Left turns of a step as fractions of the maximum, multiples of the first one; right
+            turns and straight motion are added.
+        cell: m; only the first pose per cell, heading and step is expanded.
+        efforts: Attempts in order, until one finds a plan.
 
     Raises:
         ValueError: If the robot is not kinematic or a value is out of range.
@@ -107,7 +107,7 @@ class Oracle(Controller):
         self.robot, self.goal_radius, self.cell = robot, goal_radius, cell
         self.time_limit_steps, self.efforts = time_limit_steps, tuple(efforts)
         self.time_step_s, self.substeps = time_step_s, substeps
-        turn = robot.max_turn_rate * time_step_s * turns[0]  # rad, the least of a step
+        turn = robot.max_turn_rate * time_step_s * turns[0]  # rad, the smallest turn per step
         self._bins = math.ceil(2 * math.pi / turn - 1e-9)
         self._primitives = self._make_primitives(speeds, turns)
         self._plan: Tensor | None = None
@@ -121,15 +121,15 @@ class Oracle(Controller):
 
     @property
     def commands(self) -> Tensor:
-        """``[A, 2]`` (v, w) m/s and rad/s of the moves that plans are made of."""
+        """Commands (v, w) of the moves of plans, ``[A, 2]`` m/s and rad/s."""
         turn_rate = self._primitives[:, 1] * (2 * math.pi / self._bins / self.time_step_s)
         return torch.stack([self._primitives[:, 0], turn_rate], dim=-1)
 
     def prepare(self, scenarios: ScenarioBatch) -> Tensor:
-        """Plan the episodes that are to be played next.
+        """Plan the next episodes.
 
         Args:
-            scenarios: ``[S]``, one a world; equal ones are planned once.
+            scenarios: ``[S]``, one per world; equal ones are planned once.
 
         Returns:
             ``[S]`` bool, whether a plan was found.
@@ -149,7 +149,7 @@ class Oracle(Controller):
     def _search(
         self, scenarios: ScenarioBatch, effort: SearchEffort, stay: int
     ) -> tuple[Tensor, Tensor]:
-        """Return the moves ``[S, T]`` and whether they lead to the goal ``[S]``."""
+        """Return the moves ``[S, T]`` and whether they reach the goal ``[S]``."""
         count, limit = len(scenarios), self.time_limit_steps
         reach = self.robot.radius + effort.margin
         ticks = torch.arange(limit * self.substeps + 1) * (self.time_step_s / self.substeps)
@@ -176,7 +176,7 @@ class Oracle(Controller):
         return plan, code == FOUND
 
     def _offsets(self) -> Tensor:
-        """Return ``[A, U, 2]`` m where each move leads by each substep, from heading 0."""
+        """Return the position of each move at each substep, ``[A, U, 2]`` m, from heading 0."""
         v, w = self.commands[:, None].unbind(-1)
         time_s = torch.arange(1, self.substeps + 1) * (self.time_step_s / self.substeps)
         half = 0.5 * w * time_s.double()
@@ -184,10 +184,10 @@ class Oracle(Controller):
         return torch.stack([chord * half.cos(), chord * half.sin()], dim=-1)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the plan's next normalised action ``[N, 2]``.
+        """Write the plan's next normalized action ``[N, 2]``.
 
         Raises:
-            RuntimeError: If nothing was prepared for these worlds.
+            RuntimeError: If :meth:`prepare` was not called for these worlds.
         """
         size = tensordict.batch_size.numel()
         if self._plan is None or len(self._plan) != size:
@@ -199,7 +199,7 @@ class Oracle(Controller):
 
 
 def _distinct(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:
-    """Return the rows ``[D]`` of distinct scenarios and which of them each row is ``[S]``."""
+    """Return the rows ``[D]`` of distinct scenarios, and the index of each row's ``[S]``."""
     tensors = [value.cpu() for value in scenarios.tensors().values()]
     numbers: dict[bytes, int] = {}
     first, number = [], []
@@ -220,13 +220,13 @@ def _check_oracle(
 ) -> None:
     if robot.model != "kinematic" or robot.min_speed > 0:
         raise ValueError(
-            f"robot.model={robot.model}, robot.min_speed={robot.min_speed}: the oracle plans for "
-            "'kinematic' robots that can stand still"
+            f"robot.model={robot.model}, robot.min_speed={robot.min_speed}: must be "
+            "'kinematic' and <= 0 for the oracle"
         )
     if 0.0 not in speeds or not all(0 <= share <= 1 for share in speeds):
-        raise ValueError(f"speeds={list(speeds)}: need shares in [0, 1], 0 among them")
+        raise ValueError(f"speeds={list(speeds)}: must be in [0, 1] and include 0")
     multiples = [turn / turns[0] for turn in turns if turns[0] > 0]
     if not turns or not multiples or max(turns) > 1 or any(m != round(m) for m in multiples):
-        raise ValueError(f"turns={list(turns)}: need shares in (0, 1], multiples of the first")
+        raise ValueError(f"turns={list(turns)}: must be in (0, 1], multiples of the first")
     if not efforts:
-        raise ValueError("efforts: need at least one, got none")
+        raise ValueError("efforts=[]: must have at least one")

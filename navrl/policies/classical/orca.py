@@ -1,4 +1,4 @@
-"""Optimal reciprocal collision avoidance among people who do not reciprocate, with true states."""
+"""Optimal reciprocal collision avoidance (ORCA) among non-reactive pedestrians."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
-PREVIOUS_BOXES = "pedestrian_boxes_previous"  # [N, K, 5], what this controller saw a step ago
-_ROBOT = 0  # its number in RVO2; people follow
-_NOWHERE = 1e4  # m, position of absent people
+PREVIOUS_BOXES = "pedestrian_boxes_previous"  # [N, K, 5], boxes of the previous step
+_ROBOT = 0  # index in RVO2; pedestrians follow
+_NOWHERE = 1e4  # m, position of absent pedestrians
 
 
 class Orca(Controller):
-    """Follow the waypoints with the collision-free velocity nearest to the preferred one.
+    """Follow the waypoints with the collision-free velocity closest to the preferred one.
 
     The controller is privileged: it reads the walls and the true boxes of the pedestrians, and
-    their velocities by difference. The geometry and the linear program are RVO2's. RVO2 lets each
-    of two agents take half of the avoidance, but these pedestrians take none; so a step is solved
-    again from the velocity it gave, ``iterations`` times, each halving what is still missing. The
-    first of them starts from the robot's own last command. Pedestrians are discs around their
-    cuboids, walls are RVO2's obstacles. The robot turns to the velocity it is given and drives on
-    as far as it faces it; this arc leaves the straight line that RVO2 checks, which
-    ``wall_margin`` allows for.
+    their velocities by difference. The geometry and the linear program are RVO2's. RVO2 shares the
+    avoidance equally between two agents, but these pedestrians are non-reactive; so a step is
+    solved ``iterations`` times, each from the last solution, which halves the missing avoidance.
+    The first starts from the robot's last command. Pedestrians are discs around their cuboids,
+    walls are RVO2's obstacles. The robot turns towards the velocity and drives with its component
+    along the heading; this arc deviates from the straight line that RVO2 checks, which
+    ``wall_margin`` accounts for.
 
     Args:
-        robot: Whose hull and limits count.
-        waypoint: Index of the waypoint driven to.
+        robot: Hull and limits.
+        waypoint: Index of the target waypoint.
         time_step_s: s.
-        time_horizon: s within which contacts with people are avoided.
+        time_horizon: s within which contacts with pedestrians are avoided.
         wall_horizon: s within which contacts with walls are avoided.
-        margin: m kept between the hull and the pedestrians' discs.
-        wall_margin: m kept between the hull and walls.
-        iterations: RVO2 steps solved for one.
-        sidestep: rad that the preferred velocity points to the left of the waypoint, so that a
-            person who stands exactly in between does not stop the robot forever.
+        margin: Minimum distance between the hull and the pedestrians' discs, m.
+        wall_margin: Minimum distance between the hull and walls, m.
+        iterations: RVO2 solutions per step.
+        sidestep: Angle of the preferred velocity to the left of the waypoint, rad, so that a
+            stationary pedestrian exactly in between does not block the robot.
 
     Raises:
         ImportError: If RVO2's binding is not installed.
@@ -52,7 +52,7 @@ class Orca(Controller):
 
     Reference:
         Van den Berg et al., "Reciprocal n-body collision avoidance", 2011; RVO2 2.0.3 by pyrvo.
-        Full instead of half avoidance and the drive of a unicycle are ours.
+        Full instead of half avoidance and the unicycle motion are ours.
     """
 
     privileged = True
@@ -96,7 +96,7 @@ class Orca(Controller):
         self._worlds: list = []
 
     def prepare(self, scenarios: ScenarioBatch) -> None:
-        """Read the walls of the worlds that are played next, ``[N]``, and their people's speed."""
+        """Read the walls and the pedestrians' speeds of the next episodes, ``[N]``."""
         corners = _corners(scenarios.boxes).tolist()
         count = scenarios.num_boxes.tolist()
         here = scenarios.ped_present
@@ -110,10 +110,10 @@ class Orca(Controller):
     def _make_world(
         self, walls: list, person_radius: float, person_speed: float, max_people: int
     ) -> object:
-        """Return a simulator of RVO2 with the walls and the robot in it.
+        """Return an RVO2 simulator with the walls and the robot.
 
-        An agent of RVO2 has one radius for all. The robot's includes ``wall_margin``; what people
-        have in addition is part of theirs.
+        An agent of RVO2 has one radius for all obstacles. The robot's includes ``wall_margin``; the
+        pedestrians' radii include the rest of their margin.
         """
         robot = self.robot
         gap = robot.radius + person_radius + self.margin  # m between centers at a contact
@@ -121,7 +121,7 @@ class Orca(Controller):
         hull = robot.radius + self.wall_margin
         world = self._rvo.RVOSimulator(
             self.time_step_s, reach, 0, 0.1, 0.1, gap - hull, 10.0
-        )  # defaults for people, who are non-reactive: 0 neighbors
+        )  # defaults for the non-reactive pedestrians: 0 neighbors
         for wall in walls:
             world.add_obstacle(wall)
         world.process_obstacles()
@@ -132,11 +132,11 @@ class Orca(Controller):
         return world
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[N, 2]``.
+        """Write the normalized action ``[N, 2]``.
 
         Raises:
             RuntimeError: If nothing was prepared for these worlds.
-            ValueError: If there is no such waypoint.
+            ValueError: If ``waypoint`` exceeds the number of waypoints.
         """
         pose, waypoints, boxes = (tensordict.get(key) for key in self.in_keys)
         if len(self._worlds) != len(pose):
@@ -144,7 +144,9 @@ class Orca(Controller):
                 f"orca: call prepare() with the scenarios of these {len(pose)} worlds"
             )
         if self.waypoint >= waypoints.shape[-2]:
-            raise ValueError(f"waypoint={self.waypoint}: there are {waypoints.shape[-2]} waypoints")
+            raise ValueError(
+                f"waypoint={self.waypoint}: must be < {waypoints.shape[-2]}, the waypoints"
+            )
         before = tensordict.get(PREVIOUS_BOXES, boxes)
         velocity = ((boxes - before)[..., :2] / self.time_step_s).nan_to_num(0.0)
         place = boxes[..., :2].nan_to_num(_NOWHERE)
@@ -160,7 +162,7 @@ class Orca(Controller):
         return tensordict.set(keys.ACTION, normalized_action(self.robot, self._command(chosen)))
 
     def _wanted(self, waypoint: Tensor) -> Tensor:
-        """Return ``[N, 2]`` m/s, robot frame: to the waypoint, a little to the left of it."""
+        """Return the preferred velocity ``[N, 2]`` m/s, robot frame."""
         distance = waypoint.norm(dim=-1, keepdim=True).clamp_min(1e-6)
         angle = torch.full_like(waypoint[:, 0], self.sidestep)
         return se2.rotate(self.robot.max_speed * waypoint / distance, angle)
@@ -168,7 +170,7 @@ class Orca(Controller):
     def _solve(
         self, world: object, pose: list, velocity: list, wanted: list, places: list, speeds: list
     ) -> tuple[float, float]:
-        """Return the velocity with all of the avoidance, m/s, world frame."""
+        """Return the velocity with full avoidance, m/s, world frame."""
         for _ in range(len(places) + 1 - world.get_num_agents()):
             world.add_agent((_NOWHERE, _NOWHERE))
         for _ in range(self.iterations):
@@ -184,15 +186,15 @@ class Orca(Controller):
         return velocity
 
     def _command(self, velocity: Tensor) -> Tensor:
-        """Return ``[N, 2]`` (v, w): turn to the velocity, drive as far as it lies ahead."""
+        """Return ``[N, 2]`` (v, w): turn towards the velocity, drive its forward component."""
         x, y = velocity.unbind(-1)
         turn = torch.atan2(y, x) / self.time_step_s
-        stands = velocity.norm(dim=-1) < 0.02 * self.robot.max_speed  # no direction worth a turn
+        stands = velocity.norm(dim=-1) < 0.02 * self.robot.max_speed  # too slow for a direction
         return torch.stack([x.clamp_min(0.0), turn.masked_fill(stands, 0.0)], dim=-1)
 
 
 def _corners(boxes: Tensor) -> Tensor:
-    """Return ``[..., 4, 2]`` m, counter-clockwise, of boxes ``[..., 5]``."""
+    """Return the corners ``[..., 4, 2]`` m, counter-clockwise, of boxes ``[..., 5]``."""
     signs = boxes.new_tensor([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     offsets = signs * boxes[..., None, 2:4]
     return boxes[..., None, :2] + se2.rotate(offsets, boxes[..., 4:])

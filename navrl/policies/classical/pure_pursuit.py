@@ -1,4 +1,4 @@
-"""Pure pursuit: steer at a waypoint ahead, blind to all obstacles."""
+"""Pure pursuit: steer to a waypoint ahead, without obstacle avoidance."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class PurePursuit(Controller):
     """Follow the path at full speed on the arc through a waypoint.
 
     Args:
-        robot: Whose limits scale the action.
-        waypoint: Index of the waypoint that is pursued.
+        robot: Robot whose limits scale the action.
+        waypoint: Index of the pursued waypoint.
         waypoints_key: TensorDict key of the waypoints ``[*B, N_f, 2]`` m, robot frame.
 
     Raises:
@@ -41,7 +41,7 @@ class PurePursuit(Controller):
         self.in_keys, self.out_keys = [waypoints_key], [keys.ACTION]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         command = self.command(tensordict.get(self.in_keys[0]))
         return tensordict.set(keys.ACTION, normalized_action(self.robot, command))
 
@@ -49,11 +49,11 @@ class PurePursuit(Controller):
         """Return (v, w) ``[*B, 2]``, m/s and rad/s, for waypoints ``[*B, N_f, 2]``.
 
         Raises:
-            ValueError: If there is no such waypoint.
+            ValueError: If ``waypoint`` exceeds the number of waypoints.
         """
         if self.waypoint >= waypoints.shape[-2]:
             raise ValueError(
-                f"waypoint={self.waypoint}: there are only {waypoints.shape[-2]} waypoints"
+                f"waypoint={self.waypoint}: must be < {waypoints.shape[-2]}, the waypoints"
             )
         x, y = waypoints[..., self.waypoint, :].unbind(-1)
         squared = (x.square() + y.square()).clamp_min(1e-6)
@@ -63,9 +63,9 @@ class PurePursuit(Controller):
             torch.full_like(x, robot.max_speed),
             robot.max_turn_rate / curvature.abs().clamp_min(1e-6),
         )
-        # A goal behind the robot: turn on the spot.
+        # A goal behind the robot: turn in place.
         turn_only = x < 0
         speed = torch.where(turn_only, 0.0, speed)
-        side = torch.where(y < 0, -1.0, 1.0)  # never 0: straight behind, it turns left
+        side = torch.where(y < 0, -1.0, 1.0)  # never 0: turn left for a goal exactly behind
         turn = torch.where(turn_only, side * robot.max_turn_rate, speed * curvature)
         return torch.stack([speed, turn], dim=-1)

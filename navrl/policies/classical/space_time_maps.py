@@ -1,4 +1,4 @@
-"""What the space-time search reads: walls, people at every substep, and two maps of the floor."""
+"""Inputs of the space-time search: walls, pedestrians per substep and two grid maps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch import Tensor
 from navrl.ops.distance import point_box_distance
 from navrl.worlds import ScenarioBatch, pedestrian_boxes
 
-_AROUND_PATH = 1.5  # m of floor around the path that is searched where no wall ends it
+_AROUND_PATH = 1.5  # m around the path that is searched if no wall bounds it
 
 
 class SpaceTimeMaps(NamedTuple):
@@ -31,14 +31,14 @@ class SpaceTimeMaps(NamedTuple):
 def space_time_maps(
     scenarios: ScenarioBatch, time_s: Tensor, reach: float, cell: float, step_length: float
 ) -> SpaceTimeMaps:
-    """Lay out all that is known of the episodes.
+    """Compute the maps of the given episodes.
 
     Args:
         scenarios: ``[S]``.
-        time_s: ``[T]`` s at which people are needed.
-        reach: m that the robot's centre keeps from everything.
-        cell: m, of the maps.
-        step_length: m of the longest step.
+        time_s: ``[T]`` s, times of the pedestrians' positions.
+        reach: Minimum distance of the robot's center to all obstacles, m.
+        cell: Size of a grid cell, m.
+        step_length: Length of the longest step, m.
     """
     walls = _with_direction(scenarios.boxes.double())
     low, high = _floor(scenarios)
@@ -76,7 +76,7 @@ def _with_direction(boxes: Tensor) -> Tensor:
 
 
 def _people(scenarios: ScenarioBatch, time_s: Tensor) -> Tensor:
-    """Return ``[S, T, K, 6]`` boxes of the pedestrians; NaN rows where nobody is."""
+    """Return ``[S, T, K, 6]`` boxes of the pedestrians; NaN rows for absent ones."""
     return torch.stack(
         [
             _with_direction(pedestrian_boxes(scenarios[row.expand(len(time_s))], time_s))
@@ -97,18 +97,18 @@ def _floor(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:
 
 
 def _clearance(boxes: Tensor, low: Tensor, high: Tensor, size: Tensor, cell: float) -> Tensor:
-    """Return ``[CX, CY]`` m from each cell's centre to the nearest wall; 0 beyond the floor."""
+    """Return ``[CX, CY]`` m from each cell's center to the nearest wall; 0 outside the map."""
     x, y = (low[axis] + (torch.arange(int(size[axis])) + 0.5) * cell for axis in range(2))
-    centres = torch.stack(torch.meshgrid(x, y, indexing="ij"), dim=-1)
-    distance = point_box_distance(centres, boxes.double().expand(*centres.shape[:2], -1, -1))
-    nearest = distance.amin(-1) if len(boxes) else torch.full(centres.shape[:2], torch.inf).double()
-    return nearest.masked_fill((centres > high).any(-1), 0.0)
+    centers = torch.stack(torch.meshgrid(x, y, indexing="ij"), dim=-1)
+    distance = point_box_distance(centers, boxes.double().expand(*centers.shape[:2], -1, -1))
+    nearest = distance.amin(-1) if len(boxes) else torch.full(centers.shape[:2], torch.inf).double()
+    return nearest.masked_fill((centers > high).any(-1), 0.0)
 
 
 def _steps_to_go(
     clearance: np.ndarray, goal: Tensor, reach: float, cell: float, step_length: float
 ) -> np.ndarray:
-    """Return ``[CX, CY]`` steps to the goal past the walls; infinite where it is cut off."""
+    """Return ``[CX, CY]`` steps to the goal around the walls; infinite if unreachable."""
     costs = np.where(clearance + 0.71 * cell > reach, 1.0, -1.0)
     index = tuple(int(value) for value in (goal / cell).floor())
     costs[index] = 1.0

@@ -18,18 +18,18 @@ from navrl.sim import DifferentialDrive
 class StopAndGo(Controller):
     """Drive the arc of pure pursuit; stop while a point of the scan lies on it.
 
-    While it waits it turns to the waypoint. A person who stands on the path blocks it forever, and
-    it does not step aside for people who approach.
+    While stopped it turns to the waypoint. A stationary pedestrian on the path blocks it
+    permanently, and it does not evade approaching pedestrians.
 
-    The defaults let it pass walls: an arc extrapolated farther than ``stop_distance`` leaves the
-    path in bends and meets walls that the robot would never touch, and a pooled reading, the least
-    of several noisy ones, is too short, which a negative ``margin`` allows for.
+    The defaults avoid stops for walls: an arc longer than ``stop_distance`` leaves the path in
+    bends and hits walls that the robot would not touch, and a pooled range, the minimum of several
+    noisy ones, is biased towards the robot, which a negative ``margin`` compensates.
 
     Args:
-        robot: Whose hull and limits count.
-        waypoint: Index of the waypoint that is pursued.
-        stop_distance: m of arc ahead that must be free.
-        margin: m beside the hull that must be free; negative for readings that are too short.
+        robot: Hull and limits.
+        waypoint: Index of the pursued waypoint.
+        stop_distance: Length of arc that must be free, m.
+        margin: Added to the hull's radius, m; negative for ranges that are biased short.
 
     Raises:
         ValueError: If a value is out of range.
@@ -49,7 +49,7 @@ class StopAndGo(Controller):
                 f"margin={margin}: must be > -{robot.radius}, the robot's radius"
             )
         if not robot.min_speed <= 0:
-            raise ValueError(f"robot: min_speed={robot.min_speed} does not allow standing still")
+            raise ValueError(f"robot.min_speed={robot.min_speed}: must be <= 0, to stand still")
         self.robot, self.margin = robot, margin
         self.stop_distance = stop_distance
         self.in_keys = [keys.WAYPOINTS, keys.POINTS, keys.RETURNS]
@@ -57,7 +57,7 @@ class StopAndGo(Controller):
         self._pursuit = PurePursuit(robot, waypoint)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised action ``[*B, 2]``."""
+        """Write the normalized action ``[*B, 2]``."""
         waypoints, points, returns = (tensordict.get(key) for key in self.in_keys)
         command = self._pursuit.command(waypoints)
         blocked = self._is_blocked(command, points, returns)
@@ -67,10 +67,10 @@ class StopAndGo(Controller):
         return tensordict.set(keys.ACTION, normalized_action(self.robot, command))
 
     def _is_blocked(self, command: Tensor, points: Tensor, returns: Tensor) -> Tensor:
-        """Return ``[*B]``, whether a return lies where the hull sweeps along the arc."""
+        """Return ``[*B]`` whether a return lies in the area swept by the hull along the arc."""
         v, w = command.unbind(-1)
         curvature = w / v.clamp_min(1e-6)
-        # No farther than a quarter of a turn: the rest of a tight arc is not driven.
+        # At most a quarter of a circle: the rest of a tight arc is not driven.
         length = (0.5 * math.pi / curvature.abs().clamp_min(1e-6)).clamp_max(self.stop_distance)
         along = torch.linspace(0.0, 1.0, 13, device=v.device) * length.unsqueeze(-1)
         half = 0.5 * curvature.unsqueeze(-1) * along

@@ -1,4 +1,4 @@
-"""A waypoint as subgoal: what pure pursuit is where actions are subgoals."""
+"""Controller with a waypoint as subgoal, the pure pursuit of subgoal actions."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from navrl.policies.controller import Controller
 
 
 class WaypointSubgoal(Controller):
-    """Ask for the next waypoints one after the other; only the subgoals' own safety is added.
+    """Follow the path with a waypoint as subgoal, without own obstacle avoidance.
 
     Args:
-        max_distance: Farthest subgoal, m, as :class:`navrl.transforms.SubgoalAction` has it.
-        max_bearing: Largest bearing to either side, rad, as there.
-        waypoint: Index of the waypoint that is asked for.
+        max_distance: Maximum distance of a subgoal, m, as in
+            :class:`navrl.transforms.SubgoalAction`.
+        max_bearing: Maximum bearing to either side, rad, as there.
+        waypoint: Index of the target waypoint.
         waypoints_key: TensorDict key of the waypoints ``[*B, N_f, 2]`` m, robot frame.
 
     Raises:
@@ -41,11 +42,11 @@ class WaypointSubgoal(Controller):
         self.in_keys, self.out_keys = [waypoints_key], [keys.ACTION]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the normalised subgoal ``[*B, 2]``."""
+        """Write the normalized subgoal ``[*B, 2]``."""
         points = tensordict.get(self.in_keys[0])
         if self.waypoint >= points.shape[-2]:
             raise ValueError(
-                f"waypoint={self.waypoint}: there are only {points.shape[-2]} waypoints"
+                f"waypoint={self.waypoint}: must be < {points.shape[-2]}, the waypoints"
             )
         x, y = points[..., self.waypoint, :].unbind(-1)
         distance = 2.0 * torch.hypot(x, y) / self.max_distance - 1.0

@@ -1,4 +1,4 @@
-"""One self-contained HTML page about a run or a sweep."""
+"""Self-contained HTML report of runs and sweeps."""
 
 from navrl.viz.report.page import write_report
 

@@ -1,4 +1,4 @@
-"""The page's figures, which show their numbers where the mouse is."""
+"""Interactive figures of the report."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _PATTERNS = ("", "/", "x", ".")
 
 
 def success_chart(table: ComparisonTable) -> go.Figure:
-    """Success with its 95 % interval, and the paper's own figure."""
+    """Draw success with its 95 % interval, and the paper's figure."""
     rows = list(reversed(table.rows))
     names = [literal(row.policy) for row in rows]
     rates = np.array([row.rates["success"] for row in rows])
@@ -74,7 +74,7 @@ def success_chart(table: ComparisonTable) -> go.Figure:
 
 
 def outcome_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure:
-    """How the episodes of each policy ended: who moved into whom, and what was touched."""
+    """Draw the outcomes of each policy, with collisions by at-fault party and object."""
     figure = go.Figure()
     played = [e.episodes.values() for e in members(table, evaluations)]
     counts = [Counter(map(ending_of_row, rows)) for rows in played]
@@ -99,7 +99,7 @@ def outcome_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> 
 
 
 def world_chart(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> go.Figure | None:
-    """Success in each kind of world; ``None`` if there is only one."""
+    """Draw success in each kind of world; ``None`` if there is only one."""
     figure = go.Figure()
     for i, (row, e) in enumerate(zip(table.rows, members(table, evaluations), strict=True)):
         worlds = e.summary.get("by_scenario") or {}
@@ -131,13 +131,13 @@ def episode_chart(
     evaluations: Sequence[Evaluation],
     players: Mapping[tuple[str, int], int],
 ) -> go.Figure:
-    """Which episode ended how under which policy: a column is one episode.
+    """Draw the outcome of each episode and policy, one column per episode.
 
     Args:
-        table: Of one suite.
-        evaluations: Those of the table, at least.
-        players: Number in the player of a recording, by the evaluation's folder and the index; a
-            click on that cell opens it.
+        table: Table of one suite.
+        evaluations: Evaluations, including those of the table.
+        players: Index of a recording in the player, by the evaluation's folder and the episode's
+            index; a click on that cell opens it.
     """
     played = [e.episodes for e in members(table, evaluations)]
     indices = sorted(set().union(*played))
@@ -174,7 +174,7 @@ def episode_chart(
 
 
 def curves_chart(logs: Sequence[Path]) -> go.Figure:
-    """Success in the trainings' own evaluations over environment steps."""
+    """Draw success in the evaluations during training over environment steps."""
     figure = go.Figure()
     looks: dict[str, dict] = {}
     for file in logs:
@@ -197,7 +197,7 @@ def curves_chart(logs: Sequence[Path]) -> go.Figure:
 
 
 def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
-    """Success over speed and number of pedestrians in each world; ``None`` without a sweep."""
+    """Draw success over speed and number of pedestrians; ``None`` without a sweep."""
     rows = rate_rows([p for e in evaluations for p in rate_points(e)])
     if not rows or len({str(e.summary["simulator"]) for e in evaluations}) > 1:
         return None
@@ -209,7 +209,7 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
         horizontal_spacing=0.02,
         vertical_spacing=0.25,
     )
-    named: set[str] = set()  # in the legend, which is one for all panels
+    named: set[str] = set()  # entries of the legend, which all panels share
     for i, (label, lines) in enumerate(rows.items()):
         for j, world in enumerate(worlds):
             at = {"row": i + 1, "col": j + 1}
@@ -234,12 +234,12 @@ def rates_chart(evaluations: Sequence[Evaluation]) -> go.Figure | None:
 
 
 def literal(text: str) -> str:
-    """Return a text from a file as plotly draws it literally: no tag, no %{variable}."""
+    """Escape a text from a file, so that plotly draws it literally."""
     return escape(text, quote=False).replace("%", "&#37;")
 
 
 def _look(i: int) -> dict:
-    """Return line and marker of the i-th name: those of one colour differ in dash and symbol."""
+    """Return line and marker of the i-th name; equal colors differ in dash and symbol."""
     look = line_look(i)
     return {
         "line": {"color": look["color"], "dash": _DASHES[look["linestyle"]]},
@@ -248,7 +248,7 @@ def _look(i: int) -> dict:
 
 
 def _bar_look(i: int) -> dict:
-    """Return the filling of the i-th name's bars: those of one colour differ in pattern."""
+    """Return the fill of the i-th name's bars; equal colors differ in pattern."""
     pattern = _PATTERNS[i // len(CYCLE) % len(_PATTERNS)]
     return {"color": CYCLE[i % len(CYCLE)], "pattern": {"shape": pattern}}
 

@@ -1,5 +1,5 @@
 "use strict";
-// What the episode player draws with: colours, geometry, and the legend that names them.
+// What the episode player draws with: colors, geometry, and the legend that names them.
 
 const COLORS = {
   wall: "#4D4D4D", path: "#7F7F7F", goal: "#009E73", robot: "#CC79A7", people: "#E69F00",

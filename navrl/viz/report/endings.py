@@ -1,4 +1,4 @@
-"""How an episode ended, in the words and colours of the page: who moved into whom, what was hit."""
+"""Labels and colors of outcomes in the report, by at-fault party and object."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _BLAME = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_in
 def ending_of_row(row: Mapping[str, str]) -> str:
     """Return the key of :data:`ENDINGS` of a row of ``episodes.csv``.
 
-    It is the outcome itself where the columns that split it are missing or empty.
+    It is the outcome if the columns that refine it are missing or empty.
     """
     outcome = row["outcome"]
     set_ = [part for part in _PARTS.get(outcome, ()) if float(row.get(part) or 0) == 1.0]
@@ -43,7 +43,7 @@ def ending_of_row(row: Mapping[str, str]) -> str:
 
 
 def ending_of_recording(recording: Recording) -> str:
-    """Return the key of :data:`ENDINGS` of a recorded episode; what was touched is measured."""
+    """Return the key of :data:`ENDINGS` of a recording; the touched object is measured."""
     if recording.outcome == "collision_static":
         touched = Trajectory.from_recordings([recording], max_speed=1.0)
         return "collision_furniture" if collision_furniture(touched)[0] else "collision_wall"

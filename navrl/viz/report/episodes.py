@@ -1,4 +1,4 @@
-"""A recording as the plain numbers that the page's player draws."""
+"""Conversion of a recording to plain data for the report's player."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from navrl.viz.report.endings import ENDINGS, ending_of_recording, ending_of_row
 from navrl.viz.scene import attention_scale, closest_step, scene_limits
 
 _MILLIMETRES = 3  # decimals of lengths
-_BEFORE_S = 1.0  # s before the end that its story looks back
-_STRAIGHT_DEG = 10.0  # nearer to the heading is told as straight ahead
+_BEFORE_S = 1.0  # s before the end for the comparison in the description
+_STRAIGHT_DEG = 10.0  # smaller angles are described as straight ahead
 _STORIES = {
     "success": "The robot reached its goal after {seconds}.",
     "moved_into_pedestrian": "The robot moved into a pedestrian after {seconds}; contact was {at}.",
     "run_into": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
     "collision_pedestrian": "Robot and pedestrian touched after {seconds}; contact was {at}; "
-    "who moved into whom was not kept.",
+    "the at-fault party was not recorded.",
     "collision_wall": "The robot hit a wall after {seconds}; contact was {at}.",
     "collision_furniture": "The robot hit a piece of furniture after {seconds}; contact was {at}.",
-    "timeout": "Time was up after {seconds}, {left:.2f} m before the goal.",
+    "timeout": "The time limit was reached after {seconds}, {left:.2f} m before the goal.",
 }
 
 
 def episode_data(
     name: str, recording: Recording, row: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """Return what the player needs, rounded, with world coordinates where it only draws.
+    """Return the player's data, rounded, with world coordinates where possible.
 
     Args:
-        name: For the list of episodes.
+        name: Name in the list of episodes.
         recording: The episode.
-        row: Of ``episodes.csv``, which tells who moved into whom where an old recording does not.
+        row: Row of ``episodes.csv``, with the at-fault party if an older recording lacks it.
     """
     limits = scene_limits(recording)
     ending = ending_of_recording(recording)
@@ -71,7 +71,7 @@ def episode_data(
 
 
 def _weights(recording: Recording, name: str) -> dict[str, Any] | None:
-    """Return attention and the weight at which its colours end; ``None`` if not recorded."""
+    """Return attention and the upper limit of its color scale; ``None`` if not recorded."""
     scale = attention_scale(recording, name)
     if scale is None:
         return None
@@ -80,7 +80,7 @@ def _weights(recording: Recording, name: str) -> dict[str, Any] | None:
 
 
 def _tagd(recording: Recording) -> list[dict[str, Any]] | None:
-    """Return the descriptors of each step and which of them are real in both halves."""
+    """Return the descriptors of each step and a mask of those with two valid centroids."""
     if recording.tagd is None:
         return None
     valid = recording.tagd_valid
@@ -115,7 +115,7 @@ def _without_repetition(path: np.ndarray) -> np.ndarray:
 
 
 def _story(recording: Recording, ending: str) -> str:
-    """Say in a few sentences how the episode ended, who touched whom, and what went before."""
+    """Describe in a few sentences the end of the episode and what preceded it."""
     end = recording.num_steps
     seconds = f"{end * recording.time_step_s:.1f} s"
     left = float(np.linalg.norm(recording.goal - recording.pose[-1, :2]))
@@ -132,14 +132,14 @@ def _story(recording: Recording, ending: str) -> str:
     if np.isfinite(distance) and before < end:
         back = (end - before) * recording.time_step_s
         story += (
-            f" The nearest pedestrian's centre was {distance:.2f} m away, "
+            f" The nearest pedestrian's center was {distance:.2f} m away, "
             f"{closing:.2f} m {back:.1f} s earlier."
         )
     return story
 
 
 def _side_touched(recording: Recording) -> str:
-    """Return where on the robot, as seen by it, the box nearest to it at the end lies."""
+    """Return the direction of the box nearest to the robot at the end, relative to its heading."""
     static = recording.outcome == "collision_static"
     boxes = recording.walls if static else recording.pedestrian_boxes[-1]
     boxes = boxes[np.isfinite(boxes).all(axis=-1)]

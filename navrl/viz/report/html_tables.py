@@ -1,4 +1,4 @@
-"""The page's tables: cells carry their values, by which they are sorted."""
+"""Tables of the report, sortable by the values of their cells."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _RATES = ("success", "collision", "timeout")
 
 
 def comparison_table(table: ComparisonTable) -> str:
-    """Return a row a policy, sorted by a click on a heading."""
+    """Return the table of policies, one row each, sortable by a click on a heading."""
     header = ["policy", "episodes", *_RATES, "time of successes, s"]
     header += [f"time where all succeed, s (n={table.finished_by_all})"]
     if table.reference:
@@ -33,12 +33,12 @@ def comparison_table(table: ComparisonTable) -> str:
     if published:
         header += ["paper's own success", "paper's own time, s"]
     body = "".join(_row(row, bool(table.reference), published) for row in table.rows)
-    note = "<p>* reads the true state of walls and pedestrians: a ceiling, no rival.</p>"
+    note = "<p>* privileged: reads the true state of walls and pedestrians.</p>"
     return _sortable(header, body) + (note if any(row.cheats for row in table.rows) else "")
 
 
 def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:
-    """Return a table whose first ``num_words`` columns are words, the others numbers."""
+    """Return a table with ``num_words`` columns of text, followed by columns of numbers."""
     looks = [' class="words"' * (i < num_words) for i in range(len(header))]
     head = "".join(
         f'<th scope="col"{look}><button>{escape(name)}</button></th>'
@@ -85,7 +85,7 @@ def _interval(low: float, high: float, form: str) -> str:
 
 
 def _cell(value: float | None, shown: str) -> str:
-    """Return a cell that sorts by its value; what is not known comes last."""
+    """Return a cell that is sorted by its value; unknown values are last."""
     return (
         '<td data-value="">\N{EN DASH}</td>'
         if value is None
@@ -94,7 +94,7 @@ def _cell(value: float | None, shown: str) -> str:
 
 
 def seeds_table(table: ComparisonTable) -> str:
-    """Return what several trainings of one approach gave; nothing without any."""
+    """Return the summaries over training seeds; empty without any."""
     if not table.seeds:
         return ""
     header = ["approach", "seeds", "success over seeds", "worst", "best"]
@@ -114,7 +114,7 @@ def seeds_table(table: ComparisonTable) -> str:
 
 
 def measures_table(table: ComparisonTable) -> str:
-    """Return every other measure, folded away; nothing if the evaluations have none."""
+    """Return the collapsed table of all other metrics; empty if there are none."""
     names = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     if not names:
         return ""
@@ -132,7 +132,7 @@ def measures_table(table: ComparisonTable) -> str:
         f"Means with 95 % intervals, from {MIN_PAIRS} values on. What grows with an episode's "
         "length (time, path, turning, standing still) is taken over successes: an episode that "
         "ends early in a collision has no short path. "
-        "Only where all succeed do the means of two policies tell of the same episodes; "
+        "Means of two policies are comparable only over the episodes where all succeed; "
         "differences are over the episodes where both have the measure, p by sign flips."
     )
     return (
@@ -171,12 +171,13 @@ def episodes_table(
     evaluations: Sequence[Evaluation],
     players: Mapping[tuple[str, int], int],
 ) -> str:
-    """Return a row for each episode that the player has; a click opens it. Nothing without any.
+    """Return a row for each episode of the player, opened by a click; empty without any.
 
     Args:
-        table: Of one suite.
-        evaluations: Those of the table, at least.
-        players: Number in the player of a recording, by the evaluation's folder and the index.
+        table: Table of one suite.
+        evaluations: Evaluations, including those of the table.
+        players: Index of a recording in the player, by the evaluation's folder and the episode's
+            index.
     """
     rows = []
     for row, evaluation in zip(table.rows, members(table, evaluations), strict=True):

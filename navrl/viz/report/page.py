@@ -1,4 +1,4 @@
-"""The page: what was found, in sentences, tables and figures, with all it needs inside it."""
+"""HTML page of the report with text, tables, figures and all assets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from navrl.viz.report.player import player_episodes, player_section
 from navrl.viz.report.sources import Sources, find_sources
 from navrl.viz.report.verdict import headline, verdict
 
-_UNFOLDED = 3  # evaluations that are shown at once; a click unfolds the others
+_UNFOLDED = 3  # evaluations shown initially; the others are collapsed
 
 
 def write_report(
@@ -31,22 +31,22 @@ def write_report(
     reference: str | None = None,
     num_episodes: int = 12,
 ) -> Path:
-    """Gather runs, evaluations and recorded episodes into one HTML page that needs no network.
+    """Write runs, evaluations and recorded episodes as one self-contained HTML page.
 
     Args:
-        folders: Everything below them counts.
-        file: ``.html``; missing folders are made.
-        reference: The policy that the others are compared with; if ``None``, ``paper`` or, where
-            there is none, the best that does not read the true state.
-        num_episodes: Recorded episodes to put in, lost ones first; each takes some 300 kB.
+        folders: Folders, searched recursively.
+        file: ``.html``; missing folders are created.
+        reference: The policy that the others are compared with; if ``None``, ``paper`` or, without
+            it, the best that is not privileged.
+        num_episodes: Maximum number of recorded episodes, failed ones first; each takes about 300
+            kB.
 
     Returns:
         The file.
 
     Raises:
         ImportError: If plotly is not installed.
-        ValueError: If a folder does not exist or there is nothing to report, or the suffix is not
-            ``.html``.
+        ValueError: If a folder does not exist or has no results, or the suffix is not ``.html``.
     """
     file = Path(file)
     if file.suffix != ".html":
@@ -108,13 +108,13 @@ def _page(sources: Sources, reference: str | None) -> str:
 
 
 class _Figures:
-    """Figures by the name of the place they go to."""
+    """Figures by name of their HTML element."""
 
     def __init__(self) -> None:
         self.by_name: dict[str, dict] = {}
 
     def place(self, figure: object, title: str, caption: str = "") -> str:
-        """Keep a plotly figure and return the HTML it will appear in; nothing for ``None``."""
+        """Store a plotly figure and return its HTML element; empty for ``None``."""
         if figure is None:
             return ""
         name = f"figure-{len(self.by_name)}"
@@ -152,7 +152,7 @@ def _evaluation_sections(
 
 
 def _evaluation(table: ComparisonTable, sources: Sources, figures: _Figures) -> str:
-    """Return what stands below the heading of a suite."""
+    """Return the content below the heading of a suite."""
     from navrl.viz.report import charts
 
     evaluations = sources.evaluations
@@ -186,7 +186,7 @@ def _to_record(tables: Sequence[ComparisonTable]) -> str | None:
 
 
 def _players(sources: Sources) -> dict[tuple[str, int], int]:
-    """Return the number in the player of each episode that an evaluation kept."""
+    """Return the index in the player of each recorded episode of an evaluation."""
     places = enumerate(sources.places())
     return {(str(place[0].folder), place[1]): i for i, place in places if place is not None}
 
@@ -199,7 +199,7 @@ def _training_section(logs: Sequence[Path], figures: _Figures) -> list[str]:
 
     if not logs:
         return []
-    caption = "Runs NAME_seed_K share a colour. Click a name to hide it."
+    caption = "Runs NAME_seed_K share a color. Click a name to hide it."
     place = figures.place(charts.curves_chart(logs), "Learning curves", caption)
     return [f"<section><h2>Training</h2>{place}</section>\n"]
 
@@ -226,7 +226,7 @@ def _contents_list(sections: list[str]) -> str:
 
 
 def _embedded(value: object) -> str:
-    """Return JSON that neither ends nor comments out the script element it stands in."""
+    """Return JSON that is safe inside a script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")

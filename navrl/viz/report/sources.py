@@ -1,4 +1,4 @@
-"""What there is to report about: evaluations, logs of trainings, recorded episodes."""
+"""Sources of a report: evaluations, training logs and recorded episodes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from navrl.viz.origins import episode_folder
 
 @dataclass(frozen=True)
 class Sources:
-    """The files below some folders.
+    """Files of a report.
 
     Args:
-        folders: Where they were looked for.
-        evaluations: Of any suite and simulator; of equal ones, the one with recordings.
-        logs: ``metrics.csv`` of trainings.
-        recordings: Episodes with a name each, lost ones first, those of each folder in turn.
-        files: Where each of these recordings lies.
-        num_recordings: How many there are; ``recordings`` may hold fewer.
+        folders: Searched folders.
+        evaluations: Evaluations of any suite and simulator; of equal ones, the one with recordings.
+        logs: Files ``metrics.csv`` of trainings.
+        recordings: Episodes by name, failed ones first, alternating between folders.
+        files: File of each recording.
+        num_recordings: Number of recordings found; ``recordings`` may have fewer.
     """
 
     folders: tuple[Path, ...]
@@ -33,7 +33,7 @@ class Sources:
     num_recordings: int
 
     def places(self) -> list[tuple[Evaluation, int] | None]:
-        """Return the evaluation and the index of each recording that an evaluation kept."""
+        """Return the evaluation and episode index of each recording, ``None`` without one."""
         known = {e.folder.resolve(): e for e in self.evaluations}
         places = []
         for file in self.files:
@@ -45,14 +45,14 @@ class Sources:
 
 
 def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
-    """Look through some folders.
+    """Search some folders for results.
 
     Args:
         folders: At least one.
-        num_episodes: Largest number of recorded episodes to take.
+        num_episodes: Maximum number of recorded episodes.
 
     Raises:
-        ValueError: If a folder does not exist, or there is nothing to report in any.
+        ValueError: If a folder does not exist, or no folder has results.
     """
     folders = tuple(Path(folder) for folder in folders)
     missing = [folder for folder in folders if not folder.is_dir()]
@@ -82,7 +82,7 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
 
 
 def _without_copies(evaluations: Iterable[Evaluation]) -> list[Evaluation]:
-    """Leave out what was played twice with the same result: once more to record it, say."""
+    """Remove repeated evaluations with the same result, such as a repetition for recording."""
     kept: dict[tuple, Evaluation] = {}
     for evaluation in evaluations:
         played = (evaluation.folder / "episodes.csv").read_bytes()
@@ -97,7 +97,7 @@ def _has_evaluation(folder: Path) -> bool:
 
 
 def _in_turn(recordings: dict[Path, Recording]) -> dict[Path, Recording]:
-    """Order episodes, lost ones first; no policy with many takes the places of the others."""
+    """Order episodes with failed ones first, alternating between folders."""
     seen: Counter = Counter()
     order = {}
     for file, recording in recordings.items():
@@ -108,7 +108,7 @@ def _in_turn(recordings: dict[Path, Recording]) -> dict[Path, Recording]:
 
 
 def _name(file: Path) -> str:
-    """Name an episode by its folder, and by its file unless that is called as always."""
+    """Return the name of an episode: its folder, and its file unless that has the default name."""
     if file.stem == "episode":
         return file.resolve().parent.name
     return f"{episode_folder(file).name}/{file.stem}"

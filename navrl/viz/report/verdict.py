@@ -1,4 +1,4 @@
-"""Who is best, by how much, and whether that may be chance: the sentences of the page."""
+"""Summary sentences of the report: the best policy, its lead and significance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from navrl.evaluation.statistics import MIN_PAIRS, interval_text, p_value_text
 from navrl.evaluation.stored import Evaluation
 
 _SIGNIFICANT = 0.05
-_USUAL = "paper"  # reference, which needs no mention
+_USUAL = "paper"  # default reference, not mentioned
 
 
 def members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[Evaluation]:
@@ -19,10 +19,10 @@ def members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[E
 
 
 def headline(table: ComparisonTable) -> str:
-    """Say who succeeds how often, without a full stop; controllers that cheat do not count."""
+    """Return the best policy and its success, without privileged ones and without full stop."""
     best = next((row for row in table.rows if not row.cheats), None)
     if best is None:
-        return "Every controller here reads the true state: these are ceilings, not rivals"
+        return "Every controller here is privileged (reads the true state)"
     low, high = best.intervals["success"]
     rate = f"{100 * best.rates['success']:.1f} %{interval_text(100 * low, 100 * high, '.1f')}"
     tied = [
@@ -37,7 +37,7 @@ def headline(table: ComparisonTable) -> str:
 
 
 def verdict(table: ComparisonTable) -> str:
-    """Say who is best, test it against the next, and name what may differ by chance."""
+    """Return sentences on the best policy, its lead and the significance of differences."""
     sentences = [headline(table), _ahead_of_next(table.lead, table.rows[0].episodes)]
     if table.reference not in (None, _USUAL):
         sentences.append(f"Differences are to {table.reference}")
@@ -46,7 +46,7 @@ def verdict(table: ComparisonTable) -> str:
 
 
 def _differences(table: ComparisonTable) -> list[str]:
-    """Sort the differences to the reference into ties, those that may be chance, and the others."""
+    """Classify differences to the reference as ties, not significant, and significant."""
     compared = [row for row in table.rows if row.difference is not None]
     tested = [row for row in compared if row.p_holm is not None]
     ties = [row.policy for row in compared if row.difference == 0]
@@ -55,8 +55,8 @@ def _differences(table: ComparisonTable) -> list[str]:
     sentences = [f"Tied with {table.reference}: {', '.join(ties)}"] if ties else []
     if unsure:
         sentences.append(
-            f"Differences to {table.reference} that may be chance (p ≥ {_SIGNIFICANT}) {test}: "
-            f"{', '.join(unsure)}"
+            f"Differences to {table.reference} that are not significant "
+            f"(p ≥ {_SIGNIFICANT}) {test}: {', '.join(unsure)}"
         )
     elif len(tested) > len(ties):
         every = "Every other" if ties else "Every"
@@ -69,7 +69,7 @@ def _differences(table: ComparisonTable) -> list[str]:
 
 
 def _ahead_of_next(lead: Lead | None, num_episodes: int) -> str:
-    """Say how far the best is ahead of the next on the same episodes; nothing without a next."""
+    """Return the lead of the best over the second best on the same episodes; empty without."""
     if lead is None or lead.is_tie:
         return ""
     low, high = lead.difference_interval
@@ -80,7 +80,9 @@ def _ahead_of_next(lead: Lead | None, num_episodes: int) -> str:
         p_text = p_value_text(lead.p_value)
         found.append(f"exact McNemar p {p_text if p_text[0] == '<' else f'= {p_text}'}")
         chance = (
-            ", which may be chance" if lead.p_value >= _SIGNIFICANT else ", which is hardly chance"
+            ", which is not significant"
+            if lead.p_value >= _SIGNIFICANT
+            else ", which is significant"
         )
     results = f" ({', '.join(found)})" if found else ""
     return (

@@ -1,4 +1,4 @@
-"""Scenario cards: the encounters that social navigation is judged by, one small world each."""
+"""Scenario cards: standard encounters of social navigation, one small world each."""
 
 from navrl.worlds.cards.card import Card, CardSet
 from navrl.worlds.cards.crossing import BlindCorner, CircularCrossing, Crossing

@@ -1,4 +1,4 @@
-"""What a scenario card is, and how a set of them becomes episodes."""
+"""Interface of scenario cards, and episodes from a set of cards."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from navrl.worlds.pedestrians import simplify
 from navrl.worlds.planner import Grid, plan, resample, start_pose
 from navrl.worlds.scenario import Pedestrian, Scenario
 
-ROBOT_PACE = (0.7, 1.0)  # m/s at which the robot is expected where it meets somebody
+ROBOT_PACE = (0.7, 1.0)  # m/s, assumed mean speed of the robot up to the encounter
 
 
 class Card(Protocol):
-    """One kind of encounter; it is named by its class's ``kind``."""
+    """Interface of an encounter; the class attribute ``kind`` names it."""
 
     kind: str
 
@@ -27,17 +27,17 @@ class Card(Protocol):
         ...
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who is met on ``path [P, 2]``, moving ones first."""
+        """Draw the pedestrians to meet on ``path [P, 2]``, moving ones first."""
         ...
 
 
 class CardSet:
-    """Episodes that take the cards in turn, so that each is played equally often.
+    """Distribution that cycles through the cards, so that all are equally frequent.
 
     Every other episode of a card is mirrored left to right.
 
     Args:
-        cards: By name; ``None`` leaves one out.
+        cards: Card by name; ``None`` removes one.
         half_size: m, half sides of every pedestrian's cuboid.
 
     Raises:
@@ -46,7 +46,7 @@ class CardSet:
     Reference:
         Francis et al., "Principles and Guidelines for Evaluating Social Robot Navigation
         Algorithms", 2023: the cards' names and intent. Sizes, speeds and timing are ours, and the
-        pedestrians give way to nobody here, as everywhere in the paper's worlds.
+        pedestrians are non-reactive, as in the paper's worlds.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class CardSet:
     ) -> None:
         self.cards = [card for card in cards.values() if card is not None]
         if not self.cards:
-            raise ValueError("cards: need at least one, got none")
+            raise ValueError("cards={}: must have at least one")
         if len(half_size) != 2 or not min(half_size) > 0:
-            raise ValueError(f"half_size={list(half_size)}: need two lengths > 0")
+            raise ValueError(f"half_size={list(half_size)}: must be two lengths > 0 m")
         self.half_size = tuple(half_size)
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
@@ -88,14 +88,14 @@ class CardSet:
 def meeting(
     generator: np.random.Generator, route: np.ndarray, speed: float, path: np.ndarray, at: float
 ) -> Pedestrian:
-    """Return somebody who reaches the path's point at share ``at`` when the robot does.
+    """Return a pedestrian that reaches a point of the path at the same time as the robot.
 
     Args:
-        generator: Draws the pace that is expected of the robot.
-        route: ``[R, 2]`` m, walked in this direction when they meet, back and forth otherwise.
+        generator: Draws the assumed speed of the robot.
+        route: ``[R, 2]`` m, walked in this direction at the meeting, back and forth otherwise.
         speed: m/s.
-        path: ``[P, 2]`` m, the robot's.
-        at: Share of the path before the meeting, in [0, 1].
+        path: ``[P, 2]`` m, path of the robot.
+        at: Fraction of the path before the meeting point, in [0, 1].
     """
     here = path[round(at * (len(path) - 1))]
     driven = at * _length(path) / generator.uniform(*ROBOT_PACE)

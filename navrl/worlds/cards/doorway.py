@@ -10,13 +10,13 @@ from navrl.worlds.scenario import Pedestrian
 
 
 class _Doorway:
-    """Two rooms side by side; the doorway is at the origin, start left and goal right of it."""
+    """Two adjacent rooms with the doorway at the origin, start left and goal right of it."""
 
     def __init__(self, room: tuple[float, float], door: tuple[float, float]) -> None:
         self.room, self.door = check_range("room", room), check_range("door", door)
         if not 0.8 <= self.door[0] <= self.door[1] <= self.room[0] - 2.0:
             raise ValueError(
-                f"door={list(door)}: need 0.8 <= door <= room - 2 = {self.room[0] - 2.0:.3g} m"
+                f"door={list(door)}: must be in 0.8 to room - 2 = {self.room[0] - 2.0:.3g} m"
             )
 
     def layout(self, generator: np.random.Generator) -> Layout:
@@ -25,7 +25,7 @@ class _Doorway:
         half_door = generator.uniform(*self.door) / 2
         start = np.array([-2 * half + 0.6, generator.uniform(0.3, half - 0.7)])
         goal = np.array([2 * half - 0.6, generator.uniform(0.3, half - 0.7)])
-        x, y = 2 * half + WALL_THICKNESS / 2, half + WALL_THICKNESS / 2  # the walls' centre lines
+        x, y = 2 * half + WALL_THICKNESS / 2, half + WALL_THICKNESS / 2  # the walls' center lines
         post = half_door + WALL_THICKNESS / 2
         boxes = [wall(-x, -y, x, -y), wall(-x, y, x, y), wall(-x, -y, -x, y), wall(x, -y, x, y)]
         boxes += [wall(0.0, -y, 0.0, -post), wall(0.0, post, 0.0, y)]
@@ -33,12 +33,12 @@ class _Doorway:
 
 
 class NarrowDoorway(_Doorway):
-    """Somebody comes through a doorway just as the robot wants to: one of them has to wait.
+    """Card: a pedestrian passes a doorway at the same time as the robot, which has to wait.
 
     Args:
-        room: (least, most) m, sides of each room.
-        door: (least, most) m, clear.
-        speed: (least, most) m/s of the pedestrian.
+        room: (min, max) m, sides of each room.
+        door: (min, max) m, clear.
+        speed: (min, max) m/s of the pedestrian.
 
     Raises:
         ValueError: If a range is not positive or not ordered, or the door does not fit.
@@ -56,7 +56,7 @@ class NarrowDoorway(_Doorway):
         self.speed = check_range("speed", speed)
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who is met: they come and go on the other side of each room than the robot."""
+        """Draw the pedestrian, who walks on the opposite side of each room."""
         x = min(-path[0, 0], path[-1, 0])
         ends = -generator.uniform(0.4, 0.9, size=2)
         route = np.array([[x, ends[0]], [0.7, 0.0], [-0.7, 0.0], [-x, ends[1]]])
@@ -65,12 +65,12 @@ class NarrowDoorway(_Doorway):
 
 
 class ObstructedDoorway(_Doorway):
-    """Somebody stands in the doorway and leaves the robot just enough room beside them.
+    """Card: a stationary pedestrian in the doorway leaves a narrow gap for the robot.
 
     Args:
-        room: (least, most) m, sides of each room.
-        door: (least, most) m, clear.
-        aside: (least, most) m from the doorway's middle to who stands there.
+        room: (min, max) m, sides of each room.
+        door: (min, max) m, clear.
+        aside: (min, max) m from the doorway's middle to the pedestrian.
 
     Raises:
         ValueError: If a range is not positive or not ordered, or the door does not fit.
@@ -88,7 +88,7 @@ class ObstructedDoorway(_Doorway):
         self.aside = check_range("aside", aside)
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who stands in the way: on the side of the doorway that the path takes."""
+        """Draw the stationary pedestrian on the side of the doorway that the path passes."""
         side = 1.0 if path[np.abs(path[:, 0]).argmin(), 1] >= 0 else -1.0
         y = generator.uniform(*self.aside) * side
         return [Pedestrian(np.array([[generator.uniform(-0.1, 0.1), y]]), 0.0, 0.0)]

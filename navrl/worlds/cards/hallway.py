@@ -1,4 +1,4 @@
-"""Cards of a straight hallway."""
+"""Cards in a straight hallway."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from navrl.worlds.scenario import Pedestrian
 
 
 class _Hallway:
-    """A closed hallway along x; start and goal near its ends."""
+    """Closed hallway along x; start and goal near its ends."""
 
     def __init__(
         self,
@@ -22,7 +22,7 @@ class _Hallway:
         self.speed = check_range("speed", speed)
         if self.width[0] < 1.1 or self.length[0] < 4.0:
             raise ValueError(
-                f"width={list(width)}: need >= 1.1 m; length={list(length)}: need >= 4 m"
+                f"width={list(width)}: must be >= 1.1 m; length={list(length)}: must be >= 4 m"
             )
 
     def layout(self, generator: np.random.Generator) -> Layout:
@@ -30,18 +30,18 @@ class _Hallway:
         x, y = generator.uniform(*self.length) / 2, generator.uniform(*self.width) / 2
         aside = min(0.2, y - 0.55)
         start, goal = ([side * (x - 0.5), generator.uniform(-aside, aside)] for side in (-1, 1))
-        x, y = x + WALL_THICKNESS / 2, y + WALL_THICKNESS / 2  # the walls' centre lines
+        x, y = x + WALL_THICKNESS / 2, y + WALL_THICKNESS / 2  # the walls' center lines
         boxes = [wall(-x, -y, x, -y), wall(-x, y, x, y), wall(-x, -y, -x, y), wall(x, -y, x, y)]
         return Layout(np.array(boxes), (-x, -y, x, y), np.array(start), np.array(goal))
 
 
 class FrontalApproach(_Hallway):
-    """Somebody comes straight towards the robot in a hallway wide enough for both.
+    """Card: a pedestrian walks towards the robot in a hallway wide enough for both.
 
     Args:
-        length: (least, most) m, clear.
-        width: (least, most) m, clear.
-        speed: (least, most) m/s of the pedestrian.
+        length: (min, max) m, clear.
+        width: (min, max) m, clear.
+        speed: (min, max) m/s of the pedestrian.
 
     Raises:
         ValueError: If a range is not positive or not ordered, or the hallway is too small.
@@ -58,19 +58,19 @@ class FrontalApproach(_Hallway):
         super().__init__(length, width, speed)
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who is met: they come from the goal, up to 0.2 m beside the path."""
+        """Draw the pedestrian, who comes from the goal, up to 0.2 m beside the path."""
         route = path[::-1] + np.array([0.0, generator.uniform(-0.2, 0.2)])
         speed = generator.uniform(*self.speed)
         return [meeting(generator, route, speed, path, generator.uniform(0.4, 0.6))]
 
 
 class NarrowHallway(_Hallway):
-    """Somebody comes towards the robot where the two only just fit past each other.
+    """Card: a pedestrian walks towards the robot where the two can barely pass.
 
     Args:
-        length: (least, most) m, clear.
-        width: (least, most) m, clear.
-        speed: (least, most) m/s of the pedestrian.
+        length: (min, max) m, clear.
+        width: (min, max) m, clear.
+        speed: (min, max) m/s of the pedestrian.
 
     Raises:
         ValueError: If a range is not positive or not ordered, or the hallway is too small.
@@ -87,7 +87,7 @@ class NarrowHallway(_Hallway):
         super().__init__(length, width, speed)
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who is met: they keep to one side, 0.3 m off the middle."""
+        """Draw the pedestrian, who stays on one side, 0.3 m off the middle."""
         x = np.abs(path[:, 0]).max()
         y = 0.3 * generator.choice([-1.0, 1.0])
         speed = generator.uniform(*self.speed)
@@ -95,12 +95,12 @@ class NarrowHallway(_Hallway):
 
 
 class Overtaking(_Hallway):
-    """Somebody slower walks ahead of the robot in the same direction.
+    """Card: a slower pedestrian walks ahead of the robot in the same direction.
 
     Args:
-        length: (least, most) m, clear.
-        width: (least, most) m, clear.
-        speed: (least, most) m/s of the pedestrian.
+        length: (min, max) m, clear.
+        width: (min, max) m, clear.
+        speed: (min, max) m/s of the pedestrian.
 
     Raises:
         ValueError: If a range is not positive or not ordered, or the hallway is too small.
@@ -117,7 +117,7 @@ class Overtaking(_Hallway):
         super().__init__(length, width, speed)
 
     def people(self, generator: np.random.Generator, path: np.ndarray) -> list[Pedestrian]:
-        """Draw who is met: they begin 1.5 to 2 m ahead, up to 0.2 m beside the path."""
+        """Draw the pedestrian, who starts 1.5 to 2 m ahead, up to 0.2 m beside the path."""
         ahead = round(generator.uniform(15, 20))
         route = path[ahead:] + np.array([0.0, generator.uniform(-0.2, 0.2)])
         return [Pedestrian(route[[0, -1]], float(generator.uniform(*self.speed)), 0.0)]
