@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,8 +15,10 @@ from navrl.config import CONF_DIR, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
+from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
-from navrl.policies import ZOO, load_bundle, zoo_names
+from navrl.policies import load_bundle
+from navrl.policies.names import bundle_folder
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,6 @@ class EvaluatedPolicy:
     name: str
     policy: Callable[[TensorDictBase], TensorDictBase]
     env: TransformedEnv
-
-
-def bundle_folder(policy: str) -> Path | None:
-    """Return the folder of the bundle that ``policy`` names, or ``None`` if it names none.
-
-    A bundle's own folder, a training run's folder and a name in the zoo are bundles.
-    """
-    for folder in (Path(policy), Path(policy) / "policy", ZOO / policy):
-        if (folder / "config.yaml").is_file() and (folder / "weights.safetensors").is_file():
-            return folder
-    return None
 
 
 def make_evaluated_policy(cfg: DictConfig, *, with_attention: bool = False) -> EvaluatedPolicy:
@@ -136,19 +126,12 @@ def with_controller(cfg: DictConfig) -> DictConfig:
     Raises:
         ValueError: If there is none, listing those there are.
     """
-    files = {path.stem: path for path in (CONF_DIR / "controller").glob("*.yaml")}
-    if cfg.policy not in files:  # never a path: that would build a node unchecked
-        known = sorted(files)
-        if cfg.policy in ("all", "zoo", "controllers"):
-            raise ValueError(f"policy={cfg.policy}: several, which need a sweep: navrl-evaluate -m")
-        raise ValueError(
-            f"policy={cfg.policy}: no such bundle or controller; controllers: {known}, "
-            f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
-        )
+    check_policy_name(cfg.policy)  # never a path: that would build a node unchecked
+    file = CONF_DIR / "controller" / f"{cfg.policy}.yaml"
     changed = {part: cfg[part] for part in PARTS if part in cfg.change}
     return _replaced(
         cfg,
-        OmegaConf.merge({"controller": OmegaConf.load(files[cfg.policy]), **changed}, cfg.change),
+        OmegaConf.merge({"controller": OmegaConf.load(file), **changed}, cfg.change),
     )
 
 

@@ -14,9 +14,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf, read_write
 
+from navrl import evaluation
 from navrl.config import CONF_DIR
-from navrl.evaluation import compare, find_evaluations, markdown, write_comparison
-from navrl.jobs import new_folder
+from navrl.jobs.run_lock import new_folder
 from navrl.policies import zoo_names
 
 log = logging.getLogger(__name__)
@@ -88,9 +88,9 @@ class CompareEvaluations(Callback):
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Read what the jobs left, and jobs of the same folder before them."""
         folder = Path(config.hydra.sweep.dir)
-        tables = compare(find_evaluations([folder]), self.reference)
-        files = write_comparison(tables, folder)
-        print("\n".join(markdown(table) for table in tables))
+        tables = evaluation.compare(evaluation.find_evaluations([folder]), self.reference)
+        files = evaluation.write_comparison(tables, folder)
+        print("\n".join(evaluation.markdown(table) for table in tables))
         log.info("the tables are in %s", ", ".join(map(str, files)))
 
 
