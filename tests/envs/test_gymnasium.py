@@ -265,7 +265,7 @@ def test_effective_overrides_have_their_effect():
     ("kwargs", "message"),
     [
         ({"overrides": "scenario=corridor"}, "overrides='scenario=corridor': must be a list"),
-        ({"overrides": ["pool_size=many"]}, "pool_size=many: need int"),
+        ({"overrides": ["pool_size=many"]}, "pool_size=many: must be int"),
         ({"render_mode": "ansi"}, "render_mode='ansi': must be None or one of"),
     ],
 )
