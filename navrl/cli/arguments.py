@@ -19,6 +19,7 @@ class CommandParser(argparse.ArgumentParser):
     """
 
     def __init__(self, name: str, about: str, example: str) -> None:
+        """Make the parser with ``--help`` and ``--version``."""
         super().__init__(
             name,
             description=f"{name}: {about}",
