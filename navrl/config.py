@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import difflib
-import functools
 import hashlib
 import inspect
-import os
 import re
-import signal
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import hydra
 import yaml
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
@@ -33,7 +28,8 @@ CONF_DIR = next(
 
 _LONGEST_NAME = 120  # characters of a folder's name; file systems allow 255 bytes
 
-_USER_ERRORS = (ValueError, OSError, yaml.YAMLError, HydraException, OmegaConfBaseException)
+USER_ERRORS = (ValueError, OSError, yaml.YAMLError, HydraException, OmegaConfBaseException)
+"""What a user can get wrong: reported in one line."""
 
 
 def folder_name(*parts: object) -> str:
@@ -54,11 +50,11 @@ def folder_name(*parts: object) -> str:
 OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
 
 
-def compose(config_name: str, overrides: Sequence[str] = ()) -> DictConfig:
+def compose(config_name: str | None, overrides: Sequence[str] = ()) -> DictConfig:
     """Compose a config as on the command line.
 
     Args:
-        config_name: Primary config, e.g. ``train``.
+        config_name: Primary config, e.g. ``train``; ``None`` for the overrides alone.
         overrides: Hydra overrides, e.g. ``["scenario=corridor", "seed=1"]``.
 
     Returns:
@@ -101,58 +97,6 @@ def target_packages(cfg: DictConfig) -> set[str]:
     }
 
 
-def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
-    """Return a decorator that turns a function of a config into a command.
-
-    User errors (an override, a range, a file) are reported in one line on stderr with exit status
-    2; programming errors show a traceback. ``NAVRL_TRACEBACK=1`` always shows it.
-
-    Args:
-        config_name: Primary config of the command.
-    """
-
-    def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
-        @functools.wraps(task)
-        def checked(cfg: DictConfig) -> Any:
-            with _ErrorLine():
-                check_types(config_name, HydraConfig.get().overrides.task)
-                return task(cfg)
-
-        run = hydra.main(version_base="1.3", config_path=str(CONF_DIR), config_name=config_name)
-
-        @functools.wraps(task)
-        def main() -> None:
-            os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # raise instead of print
-            with _ErrorLine(config_name):
-                run(checked)()
-
-        return main
-
-    return decorate
-
-
-class _ErrorLine:
-    """Context manager that reports user errors in one line."""
-
-    def __init__(self, config_name: str | None = None) -> None:
-        self._config_name = config_name
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, KeyboardInterrupt):
-            print("navrl: interrupted", file=sys.stderr)
-            sys.exit(128 + signal.SIGINT)
-        if not isinstance(error, _USER_ERRORS) or os.environ.get("NAVRL_TRACEBACK"):
-            return
-        line = describe(error)
-        if self._config_name is not None:
-            line += _nearest_keys(line, self._config_name)
-        print(f"navrl: {line}", file=sys.stderr)
-        sys.exit(2)
-
-
 def describe(error: BaseException) -> str:
     """Return a one-line description of an error and its place."""
     place = allowed = ""
@@ -167,7 +111,7 @@ def describe(error: BaseException) -> str:
     text = re.sub(r"\s+", " ", shown).strip()
     text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
     text = text.partition(" Config search path:")[0]
-    name = "" if isinstance(error, _USER_ERRORS) else f"{type(error).__name__}: "
+    name = "" if isinstance(error, USER_ERRORS) else f"{type(error).__name__}: "
     return f"{place}{name}{text}" + (allowed if isinstance(error, TypeError) else "")
 
 
@@ -181,20 +125,32 @@ def _arguments_of(message: str) -> str:
     return f"; arguments are {', '.join(names)}"
 
 
-def _nearest_keys(line: str, config_name: str) -> str:
-    """Return similar keys to a mistyped one."""
-    match = re.search(r"[Cc]ould not override '([^']+)'", line) or re.search(
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean A or B?"`` with the names nearest to a misspelt one, else ``""``."""
+    near = difflib.get_close_matches(name, sorted(known), n=3, cutoff=0.7)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def nearest_names(line: str, config_name: str) -> str:
+    """Return what a mistyped key or option may have meant.
+
+    Args:
+        line: An error of Hydra's, in one line.
+        config_name: The command's primary config.
+    """
+    option = re.search(r"Could not find '([\w/]+)/([^/']+)'", line)
+    if option is not None:
+        return did_you_mean(option[2], options(option[1]))
+    key = re.search(r"[Cc]ould not override '([^']+)'", line) or re.search(
         r"Key '([^']+)' is not in struct", line
     )
-    if match is None:
+    if key is None:
         return ""
     try:
         known = [name for name, _ in _leaves(compose(config_name))] + _groups()
     except Exception:  # the hint must never hide the error
         return ""
-    known = {name for name in known if not name.endswith("_")}  # exclude _target_
-    near = difflib.get_close_matches(match[1], sorted(known), n=3, cutoff=0.7)
-    return f"; did you mean {' or '.join(near)}?" if near else ""
+    return did_you_mean(key[1], {name for name in known if not name.endswith("_")})  # no _target_
 
 
 def _groups() -> list[str]:
@@ -213,12 +169,15 @@ def _leaves(cfg: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield name, cfg[key]
 
 
-def check_types(config_name: str, overrides: Sequence[str]) -> None:
+def check_types(
+    config_name: str, overrides: Sequence[str], composed: DictConfig | None = None
+) -> None:
     """Check that each overridden value has the type of the default.
 
     Args:
         config_name: Primary config, e.g. ``train``.
         overrides: Hydra overrides of the config.
+        composed: The config with these overrides, if it was composed already.
 
     Raises:
         ValueError: If a type differs; the message has the key, its value and the required type.
@@ -231,7 +190,7 @@ def check_types(config_name: str, overrides: Sequence[str]) -> None:
         defaults = dict(_leaves(compose(config_name, groups)))
     except (HydraException, OmegaConfBaseException):
         return  # a user's own group has no defaults
-    chosen = dict(_leaves(compose(config_name, overrides)))
+    chosen = dict(_leaves(compose(config_name, overrides) if composed is None else composed))
     for key, _, _ in parts:
         default, value = defaults.get(key), chosen.get(key)
         if default is None or value is None or isinstance(value, type(default)):

@@ -7,13 +7,17 @@ import pytest
 
 CASES = [
     ("train", ["sed=1"], ["sed", "did you mean", "seed"]),
-    ("train", ["num_worlds=many"], ["num_worlds=many", "must be int"]),
+    ("train", ["num_worlds=many"], ["num_worlds=many: must be int"]),
     ("train", ["algorithm.gamma=1.5"], ["gamma=1.5", "[0, 1]"]),
+    ("train", ["simulator=batchd"], ["simulator/batchd", "; did you mean batched?"]),
     ("train", ["simulator=gazebo"], ["simulator/gazebo", "batched"]),
     ("train", ["resume=nowhere"], ["resume=nowhere", "no run there"]),
     ("train", ["num_threads=1000"], ["num_threads=1000", "between 1 and"]),
+    ("evaluate", ["policy=navrl-bset"], ["policy=navrl-bset", "; did you mean navrl-best"]),
+    ("play", ["policy=pure_persuit"], ["policy=pure_persuit", "; did you mean pure_pursuit?"]),
     ("evaluate", ["policy=nobody"], ["policy=nobody", "pure_pursuit"]),
     ("evaluate", ["policy=random", "lidar.num_beams=-4"], ["num_beams", "-4"]),
+    ("benchmark", ["rows=[latencies]"], ["rows=['latencies']", "; did you mean latency?"]),
     ("benchmark", ["rows=[warp]"], ["rows=['warp']", "latency", "scan"]),
     ("play", ["policy=random", "suite=smoke", "episode=99"], ["index 99", "has 6"]),
 ]

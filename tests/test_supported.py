@@ -16,11 +16,12 @@ def section(title: str) -> str:
 
 def packages_with_all() -> set[str]:
     found = set()
-    for path in (ROOT / "navrl").rglob("__init__.py"):
+    for path in (ROOT / "navrl").rglob("__init__.py*"):  # of lazy exports the stub has the names
         assigned = [
             node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Assign)
         ]
-        if any(target.id == "__all__" for node in assigned for target in node.targets):
+        targets = [ast.unparse(target) for node in assigned for target in node.targets]
+        if "__all__" in targets:
             found.add(".".join(path.parent.relative_to(ROOT).parts))
     return found
 

@@ -12,6 +12,7 @@ from navrl.benchmarks.peers import peer_rows
 from navrl.benchmarks.perception import perception_rows
 from navrl.benchmarks.results import Bar, Report, Row, Series
 from navrl.benchmarks.scanning import growth_series, scan_rows
+from navrl.benchmarks.startup import startup_rows
 from navrl.benchmarks.stepping import RandomDrive, step_rows, threads_series, worlds_series
 from navrl.benchmarks.training import training_rows
 
@@ -37,6 +38,7 @@ __all__ = [
     "random_transitions",
     "record_drive",
     "scan_rows",
+    "startup_rows",
     "step_rows",
     "threads_series",
     "training_rows",

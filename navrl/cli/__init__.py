@@ -5,6 +5,7 @@ import sys
 from navrl.extras import require
 
 try:
-    require("full", "the commands", "hydra", "matplotlib", "safetensors", "skimage", "tqdm", "yaml")
+    packages = ("hydra", "lazy_loader", "matplotlib", "safetensors", "skimage", "tqdm", "yaml")
+    require("full", "the commands", *packages)
 except ModuleNotFoundError as error:
     sys.exit(f"navrl: {error}")

@@ -9,8 +9,9 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from navrl import factory, jobs
-from navrl.config import hydra_main
+from navrl.cli.command import hydra_main
 from navrl.factory.overrides import check_measured
+from navrl.jobs.row_names import check_rows
 
 log = logging.getLogger(__name__)
 
@@ -19,6 +20,7 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> None:
     """Measure, print the table and save it."""
     check_measured(HydraConfig.get().overrides.task)
+    check_rows(cfg.rows)
     folder = Path(HydraConfig.get().runtime.output_dir)
     factory.set_threads(cfg)
     report = jobs.run_benchmark(cfg, folder)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from navrl.config import hydra_main
-from navrl.evaluation import compare_folders, markdown, metrics_markdown, write_comparison
+from navrl import evaluation
+from navrl.cli.command import hydra_main
 
 log = logging.getLogger(__name__)
 
@@ -18,12 +18,12 @@ log = logging.getLogger(__name__)
 def _compare(cfg: DictConfig) -> None:
     """Print the tables and write them to ``cfg.out``."""
     folders = [cfg.folders] if isinstance(cfg.folders, str) else list(cfg.folders)
-    table = compare_folders(folders, cfg.reference)
-    metrics = metrics_markdown(table, list(cfg.metrics))
-    print(markdown(table))
+    table = evaluation.compare_folders(folders, cfg.reference)
+    metrics = evaluation.metrics_markdown(table, list(cfg.metrics))
+    print(evaluation.markdown(table))
     print(metrics)
     if cfg.out is not None:
-        for file in write_comparison([table], Path(cfg.out)):
+        for file in evaluation.write_comparison([table], Path(cfg.out)):
             log.info("%s", file)
 
 

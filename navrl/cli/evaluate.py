@@ -9,7 +9,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from navrl import factory, jobs
-from navrl.config import hydra_main
+from navrl.cli.command import hydra_main
+from navrl.factory.overrides import check_start
 
 log = logging.getLogger(__name__)
 
@@ -21,6 +22,7 @@ def main(cfg: DictConfig) -> float:
     Raises:
         ValueError: If every episode raised an exception.
     """
+    check_start(cfg)
     folder = Path(HydraConfig.get().runtime.output_dir)
     with jobs.locked(folder):
         return _evaluate(cfg, folder)

@@ -8,11 +8,9 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl import factory, jobs
-from navrl.config import hydra_main
-from navrl.evaluation.recording import Recording
-from navrl.factory.overrides import check_drawing
-from navrl.viz import save_gif, save_png
+from navrl import factory, jobs, viz
+from navrl.cli.command import hydra_main
+from navrl.factory.overrides import check_drawing, check_start
 
 log = logging.getLogger(__name__)
 
@@ -23,13 +21,16 @@ def main(cfg: DictConfig) -> None:
     folder = Path(HydraConfig.get().runtime.output_dir)
     if cfg.recording is not None:
         check_drawing(cfg)
+        from navrl.evaluation.recording import Recording  # imports torch
+
         recording = Recording.load(cfg.recording)
     else:
+        check_start(cfg)
         factory.set_threads(cfg)
         recording = jobs.record(cfg)
         recording.save(folder / "episode.npz")
-    save_gif(recording, folder / "episode.gif", cfg.frames_per_s)
-    save_png(recording, folder / "episode.png")
+    viz.save_gif(recording, folder / "episode.gif", cfg.frames_per_s)
+    viz.save_png(recording, folder / "episode.png")
     log.info("%s after %d steps; %s", recording.outcome, recording.num_steps, folder)
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, ListConfig
 
-from navrl.config import hydra_main, instantiate
+from navrl.cli.command import hydra_main
+from navrl.config import instantiate
 
 log = logging.getLogger(__name__)
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from navrl.cli.arguments import CommandParser
 from navrl.config import describe
-from navrl.jobs.publishing import publish
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the bundle and print its path; user errors exit with one line and status 2."""
     options = make_parser().parse_args(arguments)
+    from navrl.jobs.publishing import publish  # imports torch
+
     try:
         folder = publish(**vars(options))
     except (OSError, ValueError) as error:
@@ -23,9 +24,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{folder}: {size / 1e6:.1f} MB; navrl-evaluate policy={folder}")
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the command-line parser."""
-    parser = argparse.ArgumentParser("navrl-publish", description=__doc__.partition(": ")[2])
+def make_parser() -> CommandParser:
+    """Return the parser of the command line."""
+    about = "make a bundle with a card of a run's best policy"
+    example = "navrl-publish outputs/train/mine bundles/mine --about 'Trained in offices'"
+    parser = CommandParser("navrl-publish", about, example)
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of navrl-train")
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the bundle, named like it")
     parser.add_argument(

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from navrl.cli.arguments import CommandParser
 from navrl.config import describe
-from navrl.viz.report import write_report
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the page and print its path; user errors exit with one line and status 2."""
     options = make_parser().parse_args(arguments)
     out = options.out or Path(options.folders[0]) / "report.html"
+    from navrl.viz.report import write_report  # imports torch and matplotlib
+
     try:
         file = write_report(options.folders, out, options.reference, options.episodes)
     except (ImportError, OSError, ValueError) as error:
@@ -24,10 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{file}: {file.stat().st_size / 1e6:.1f} MB, opens in any browser, needs no network")
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the command-line parser."""
-    parser = argparse.ArgumentParser("navrl-report", description=__doc__.partition(": ")[2])
-    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="searched recursively")
+def make_parser() -> CommandParser:
+    """Return the parser of the command line."""
+    about = "gather runs, evaluations and episodes into one HTML page"
+    parser = CommandParser("navrl-report", about, "navrl-report outputs --out report.html")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="everything below it counts")
     parser.add_argument(
         "--out", type=Path, help="file of the page; default: report.html in the first folder"
     )

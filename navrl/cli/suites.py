@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 
+from navrl.cli.arguments import CommandParser
 from navrl.config import describe
-from navrl.jobs.suites import check_frozen, freeze, frozen_suites
-from navrl.worlds import FrozenSuiteError, frozen_episodes
+from navrl.jobs.suites import FrozenSuite, check_frozen, freeze, frozen_suites
+from navrl.worlds.frozen import FrozenSuiteError, frozen_episodes
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -17,7 +17,19 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: Command-line arguments; those of this process if ``None``.
     """
-    parser = argparse.ArgumentParser("navrl-suites", description=__doc__.splitlines()[0])
+    options = make_parser().parse_args(arguments)
+    try:
+        entries = frozen_suites(options.names)
+        return max([_act(options.action, entry, options.num_workers) for entry in entries])
+    except (OSError, ValueError) as error:
+        print(f"navrl: {describe(error)}", file=sys.stderr)
+        return 2
+
+
+def make_parser() -> CommandParser:
+    """Return the parser of the command line."""
+    about = "list, check and freeze the sets of episodes that scores are reported on"
+    parser = CommandParser("navrl-suites", about, "navrl-suites check validation")
     parser.add_argument(
         "action",
         nargs="?",
@@ -28,30 +40,25 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("names", nargs="*", help="names of suites, as listed (default: all)")
     parser.add_argument("--num-workers", type=int, default=os.cpu_count() or 1, help="processes")
-    options = parser.parse_args(arguments)
-    try:
-        entries = frozen_suites(options.names)
-        return max([_act(options.action, entry, options.num_workers) for entry in entries])
-    except (OSError, ValueError) as error:
-        print(f"navrl: {describe(error)}", file=sys.stderr)
-        return 2
+    return parser
 
 
-def _act(action: str, entry, num_workers: int) -> int:
-    """Process one suite; return 1 if it differs from the frozen one."""
-    suite, told = entry.suite, ""
+def _act(action: str, entry: FrozenSuite, num_workers: int) -> int:
+    """List, check or freeze one suite; return 1 if its episodes are not the frozen ones."""
+    result = ""
     try:
         if action == "check":
             check_frozen(entry, num_workers)
-            told = "unchanged"
+            result = "unchanged"
         elif action == "freeze":
-            told = "frozen" if freeze(entry, num_workers) else "unchanged"
-        digest = frozen_episodes(suite.name, suite.version).sha256[suite.num_episodes]
+            result = "frozen" if freeze(entry, num_workers) else "unchanged"
+        digest = frozen_episodes(entry.name, entry.version).sha256[entry.num_episodes]
     except FrozenSuiteError as error:
         print(f"navrl: {error}", file=sys.stderr)
         return 1
     words = " ".join(entry.overrides)
-    print(f"{suite.name:24} v{suite.version} {suite.num_episodes:5} {digest[:16]} {told:9} {words}")
+    size = f"v{entry.version} {entry.num_episodes:5}"
+    print(f"{entry.name:24} {size} {digest[:16]} {result:9} {words}")
     return 0
 
 

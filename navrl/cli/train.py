@@ -10,11 +10,9 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl import factory, jobs
-from navrl.config import compose, hydra_main, set_default, target_packages
-from navrl.training import TrainingStoppedError
-from navrl.training.provenance import record_command
-from navrl.viz import plot_curves, save_gif, save_png
+from navrl import factory, jobs, viz
+from navrl.cli.command import hydra_main
+from navrl.config import compose, set_default, target_packages
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +32,9 @@ def main(cfg: DictConfig) -> float:
 
 
 def _train(cfg: DictConfig, folder: Path) -> float:
+    from navrl.training import TrainingStoppedError  # imports torch
+    from navrl.training.provenance import record_command
+
     factory.set_threads(cfg)
     scoring = _scoring(cfg, folder)
     if (folder / "evaluation" / "summary.json").is_file() and factory.bundle_folder(str(folder)):
@@ -85,12 +86,12 @@ def _scoring(cfg: DictConfig, folder: Path) -> DictConfig:
 
 def _report(cfg: DictConfig, folder: Path) -> float:
     """Evaluate the best policy, and draw learning curves and one episode."""
-    plot_curves([folder / "metrics.csv"], folder / "curves.png")
+    viz.plot_curves([folder / "metrics.csv"], folder / "curves.png")
     playing = _playing(cfg, folder)
     recording = jobs.record(playing)
     recording.save(folder / "episode.npz")
-    save_gif(recording, folder / "episode.gif")
-    save_png(recording, folder / "episode.png")
+    viz.save_gif(recording, folder / "episode.gif")
+    viz.save_png(recording, folder / "episode.png")
     summary = jobs.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
     log.info(
         "best policy on %s: %.1f %% success over %d episodes; all files are in %s",

@@ -11,12 +11,12 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.evaluation.kept import KEPT, is_kept
 from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
 from navrl.evaluation.results import EPISODES
 from navrl.evaluation.rollout import ERROR, EpisodeRecord
 from navrl.worlds import Scenario
 
-KEPT = ("none", "failures", "all")
 RECORDINGS = "recordings"
 """Subfolder of an evaluation."""
 
@@ -26,18 +26,14 @@ def missing_recordings(folder: Path, keep: str) -> bool:
 
     Args:
         folder: Folder of the evaluation, with ``episodes.csv``.
-        keep: One of :data:`KEPT`.
+        keep: One of :data:`navrl.evaluation.kept.KEPT`.
     """
     if keep == "none":
         return False
     with (folder / EPISODES).open(newline="") as file:
         rows = [(int(row["index"]), row["outcome"]) for row in csv.DictReader(file)]
-    wanted = [index for index, outcome in rows if outcome != ERROR and _is_kept(outcome, keep)]
+    wanted = [index for index, outcome in rows if outcome != ERROR and is_kept(outcome, keep)]
     return not all(_file(folder / RECORDINGS, index).is_file() for index in wanted)
-
-
-def _is_kept(outcome: str, keep: str) -> bool:
-    return keep == "all" or outcome != "success"
 
 
 def _file(folder: Path, index: int) -> Path:
@@ -99,7 +95,7 @@ class EpisodeArchive:
         """Write the selected episodes."""
         self._folder.mkdir(parents=True, exist_ok=True)
         for row, record in enumerate(records):
-            if _is_kept(record.outcome, self._keep):
+            if is_kept(record.outcome, self._keep):
                 self._recording(row, record).save(_file(self._folder, record.index), compact=True)
         self.begin(range(0))
 

@@ -4,25 +4,8 @@
 
 from navrl.extras import require
 
-require("full", "navrl.factory", "hydra", "safetensors", "skimage", "tqdm", "yaml")
+require("full", "navrl.factory", "hydra", "lazy_loader", "safetensors", "skimage", "tqdm", "yaml")
 
-from navrl.factory.environment import make_env, make_navigation_env, make_pool, set_threads
-from navrl.factory.gymnasium import make_gymnasium_env
-from navrl.factory.policy import EvaluatedPolicy, bundle_folder, make_evaluated_policy, policy_name
-from navrl.factory.training import make_agent, make_trainer, observation_shapes, save_policy
+import lazy_loader
 
-__all__ = [
-    "EvaluatedPolicy",
-    "bundle_folder",
-    "make_agent",
-    "make_env",
-    "make_evaluated_policy",
-    "make_gymnasium_env",
-    "make_navigation_env",
-    "make_pool",
-    "make_trainer",
-    "observation_shapes",
-    "policy_name",
-    "save_policy",
-    "set_threads",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,8 +9,10 @@ from typing import Any
 from omegaconf import DictConfig
 
 from navrl.config import compose, instantiate
-from navrl.evaluation.archive import KEPT
+from navrl.evaluation.kept import KEPT
+from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
+from navrl.policies.names import bundle_folder
 
 PARTS = ("transforms", "lidar", "robot")
 """Parts that a bundle includes and ``change`` can modify."""
@@ -38,6 +40,20 @@ def check_options(cfg: DictConfig) -> None:
         raise ValueError(f"recordings={kept}: must be one of {', '.join(KEPT)}")
     if latency < 0:
         raise ValueError(f"latency={latency}: number of episodes, must be >= 0")
+
+
+def check_start(cfg: DictConfig) -> None:
+    """Check options, policy name and overrides of the policy, before torch is imported.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+
+    Raises:
+        ValueError: See :func:`check_options`, :func:`check_policy_name` and :func:`check_policy`.
+    """
+    check_options(cfg)
+    check_policy_name(cfg.policy)
+    check_policy(cfg, is_bundle=bundle_folder(cfg.policy) is not None)
 
 
 def check_suite(cfg: DictConfig) -> None:

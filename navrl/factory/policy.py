@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -13,13 +12,14 @@ from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
-from navrl.config import compose, instantiate, options
+from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
 from navrl.factory.values import flat_values
-from navrl.policies import ZOO, load_bundle, zoo_names
+from navrl.policies import load_bundle
+from navrl.policies.names import bundle_folder
 
 
 @dataclass(frozen=True)
@@ -35,17 +35,6 @@ class EvaluatedPolicy:
     name: str
     policy: Callable[[TensorDictBase], TensorDictBase]
     env: TransformedEnv
-
-
-def bundle_folder(policy: str) -> Path | None:
-    """Return the folder of the bundle named by ``policy``, or ``None``.
-
-    Valid names are the folder of a bundle, the folder of a training run and a name in the zoo.
-    """
-    for folder in (Path(policy), Path(policy) / "policy", ZOO / policy):
-        if (folder / "config.yaml").is_file() and (folder / "weights.safetensors").is_file():
-            return folder
-    return None
 
 
 def make_evaluated_policy(
@@ -161,16 +150,7 @@ def controller_node(policy: str) -> dict[str, Any] | None:
     """
     if bundle_folder(policy) is not None:
         return None
-    known = options("controller")
-    if policy not in known:  # never a path, which would build an unchecked node
-        if policy in ("all", "zoo", "controllers"):
-            raise ValueError(
-                f"policy={policy}: must be one policy; for several use navrl-evaluate -m"
-            )
-        raise ValueError(
-            f"policy={policy}: no such bundle or controller; controllers: {known}, "
-            f"zoo: {zoo_names()}, or the folder of a bundle or of a training run"
-        )
+    check_policy_name(policy)  # never a path, which would build an unchecked node
     return OmegaConf.to_container(
         compose("evaluate", [f"+controller={policy}"]).controller, resolve=False
     )

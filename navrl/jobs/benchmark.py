@@ -28,6 +28,7 @@ from navrl.factory.environment import (
     on_cpu,
 )
 from navrl.factory.training import make_agent, make_collector, make_trainer, observation_shapes
+from navrl.jobs.row_names import check_rows
 from navrl.ops.backend import missing_for_cuda
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
@@ -51,13 +52,11 @@ def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
     """
     if make_device(cfg).type != "cpu":
         raise ValueError(f"device={cfg.device}: rows=[gpu] measures a GPU, all others the cpu")
-    unknown = [name for name in cfg.rows if name not in ROWS]
-    if unknown or not cfg.rows or len(set(cfg.rows)) < len(cfg.rows):
-        raise ValueError(f"rows={list(cfg.rows)}: must be distinct and from {sorted(ROWS)}")
+    check_rows(cfg.rows)
     report = Report(benchmarks.describe_machine(), factor=cfg.effort.published_factor)
     for name in cfg.rows:
         log.info("measuring %s", name)
-        report.add(*ROWS[name](cfg))
+        report.add(*MEASURED[name](cfg))
         report.save(folder / "benchmark.json")
     if not report.rows:
         raise ValueError(f"rows={list(cfg.rows)}: nothing to measure; {'; '.join(report.skipped)}")
@@ -213,7 +212,11 @@ def _latency(cfg: DictConfig) -> Results:
     return benchmarks.latency_rows(runner, drive, cfg.effort.repeats)
 
 
-ROWS: dict[str, Callable[[DictConfig], Results]] = {
+def _startup(cfg: DictConfig) -> Results:
+    return benchmarks.startup_rows(cfg.effort.repeats)
+
+
+MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "scan": _scan,
     "peers": _peers,
     "step": _step,
@@ -224,6 +227,7 @@ ROWS: dict[str, Callable[[DictConfig], Results]] = {
     "training": _training,
     "workers": _workers,
     "latency": _latency,
+    "startup": _startup,
     "gpu": _gpu,
 }
 

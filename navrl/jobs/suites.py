@@ -5,14 +5,18 @@ from __future__ import annotations
 import copy
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
-from navrl.config import CONF_DIR, compose, instantiate
-from navrl.worlds import FrozenEpisodes, Suite
-from navrl.worlds.frozen import FROZEN, frozen_episodes
+from navrl.config import CONF_DIR, compose, did_you_mean, instantiate
+from navrl.worlds.frozen import FROZEN, FrozenEpisodes, frozen_episodes
+
+if TYPE_CHECKING:
+    from navrl.worlds import Suite
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,31 @@ class FrozenSuite:
 
     Args:
         overrides: Overrides of ``navrl-evaluate``, e.g. ``("suite=table1",)``.
-        suite: The suite.
+        node: Configuration of the suite.
     """
 
     overrides: tuple[str, ...]
-    suite: Suite
+    node: DictConfig = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name under which its episodes are frozen."""
+        return self.node.name
+
+    @property
+    def version(self) -> int:
+        """Version of the frozen episodes."""
+        return self.node.version
+
+    @property
+    def num_episodes(self) -> int:
+        """Number of episodes."""
+        return self.node.num_episodes
+
+    @cached_property
+    def suite(self) -> Suite:
+        """The suite, built at first use: that imports torch."""
+        return instantiate(self.node)
 
 
 def frozen_suites(names: list[str] | None = None) -> list[FrozenSuite]:
@@ -38,15 +62,17 @@ def frozen_suites(names: list[str] | None = None) -> list[FrozenSuite]:
         ValueError: If a name does not exist.
     """
     found: dict[str, FrozenSuite] = {}
-    for overrides in _choices():
-        suite = instantiate(compose("evaluate", list(overrides)).suite)
-        known = found.get(suite.name)
-        longer = known is None or suite.num_episodes > known.suite.num_episodes
-        if suite.version is not None and longer:  # table1 includes table1_200
-            found[suite.name] = FrozenSuite(tuple(overrides), suite)
+    for overrides, node in _choices():
+        known = found.get(node.name)
+        longer = known is None or node.num_episodes > known.num_episodes
+        if node.version is not None and longer:  # table1 includes table1_200
+            found[node.name] = FrozenSuite(tuple(overrides), node)
     unknown = sorted(set(names or ()) - found.keys())
     if unknown:
-        raise ValueError(f"names={unknown}: must be some of {', '.join(sorted(found))}")
+        near = did_you_mean(unknown[0], found)
+        raise ValueError(
+            f"names={unknown}: no such suite{near}; there are {', '.join(sorted(found))}"
+        )
     return [found[name] for name in sorted(names or found)]
 
 
@@ -83,14 +109,29 @@ def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
     return True
 
 
-def _choices() -> Iterator[Sequence[str]]:
-    for file in sorted((CONF_DIR / "suite").glob("*.yaml")):
-        yield [f"suite={file.stem}"]
+def _choices() -> Iterator[tuple[Sequence[str], DictConfig]]:
+    """Yield the overrides that choose a suite, and its node."""
+    names = sorted(file.stem for file in (CONF_DIR / "suite").glob("*.yaml"))
+    # One composition of all: to compose navrl-evaluate for each takes seconds.
+    nodes = compose(None, [f"+suite@{name}={name}" for name in names])
+    for name in names:
+        yield [f"suite={name}"], nodes[name]
     for file in sorted((CONF_DIR / "sweep").glob("*.yaml")):
         params = dict(OmegaConf.load(file).hydra.sweeper.params)
         levels = {key: value for key, value in params.items() if key.split(".")[0] == "suite"}
-        if levels:
-            yield from itertools.product(*(_values(k, v) for k, v in levels.items()))
+        for overrides in itertools.product(*(_values(k, v) for k, v in levels.items())):
+            if overrides:
+                yield overrides, _overridden(nodes, overrides)
+
+
+def _overridden(nodes: DictConfig, overrides: Sequence[str]) -> DictConfig:
+    """Return the node that ``suite=NAME`` chooses, with the values of its other keys."""
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    values = {override.key_or_group: override.value() for override in parsed}
+    node = nodes[values.pop("suite")].copy()
+    for key, value in values.items():
+        OmegaConf.update(node, key.removeprefix("suite."), value, merge=False)
+    return node
 
 
 def _values(key: str, value: object) -> list[str]:

@@ -13,12 +13,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf, read_write
 
+from navrl import evaluation
 from navrl.config import options
-from navrl.evaluation import compare, find_evaluations, markdown, write_comparison
-from navrl.factory.policy import controller_class
-from navrl.jobs import new_folder
+from navrl.jobs.run_lock import new_folder
 from navrl.policies import zoo_names
-from navrl.policies.controller import missing_packages
 
 log = logging.getLogger(__name__)
 
@@ -87,9 +85,9 @@ class CompareEvaluations(Callback):
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Compare the evaluations of this sweep and of earlier jobs in the same folder."""
         folder = Path(config.hydra.sweep.dir)
-        tables = compare(find_evaluations([folder]), self.reference)
-        files = write_comparison(tables, folder)
-        print("\n".join(markdown(table) for table in tables))
+        tables = evaluation.compare(evaluation.find_evaluations([folder]), self.reference)
+        files = evaluation.write_comparison(tables, folder)
+        print("\n".join(evaluation.markdown(table) for table in tables))
         log.info("the tables are in %s", ", ".join(map(str, files)))
 
 
@@ -100,7 +98,10 @@ def expand_policies(names: list[str]) -> list[str]:
     """
     if not {"all", "controllers"} & set(names):
         missing: dict[str, list[str]] = {}
-    else:
+    else:  # imported here, since it loads torch
+        from navrl.factory.policy import controller_class
+        from navrl.policies.controller import missing_packages
+
         missing = {name: missing_packages(controller_class(name)) for name in options("controller")}
     controllers = [name for name, packages in missing.items() if not packages]
     words = {"zoo": zoo_names(), "controllers": controllers, "all": [*zoo_names(), *controllers]}

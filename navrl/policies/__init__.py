@@ -1,28 +1,11 @@
 """Policies: trained bundles, the zoo of the package, and classical controllers."""
 
-from pathlib import Path
+# ruff: noqa: E402 - missing packages are reported before a module that needs them is imported
 
-from navrl.policies.bundle import BundleError, PolicyBundle, load_bundle, save_bundle, saved_metrics
-from navrl.policies.controller import Controller
-from navrl.policies.predicting import PredictingPolicy, StableBaselines3Policy
+from navrl.extras import require
 
-ZOO = Path(__file__).parent / "zoo"
-"""Folder of the bundles of the package, one folder each."""
+require("full", "navrl.policies", "lazy_loader", "safetensors", "yaml")
 
-__all__ = [
-    "ZOO",
-    "BundleError",
-    "Controller",
-    "PolicyBundle",
-    "PredictingPolicy",
-    "StableBaselines3Policy",
-    "load_bundle",
-    "save_bundle",
-    "saved_metrics",
-    "zoo_names",
-]
+import lazy_loader
 
-
-def zoo_names() -> list[str]:
-    """Return the names of the bundles in the zoo."""
-    return sorted(folder.name for folder in ZOO.glob("*") if (folder / "config.yaml").is_file())
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

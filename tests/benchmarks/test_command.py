@@ -12,7 +12,8 @@ import torch
 from navrl import jobs
 from navrl.algos.precision import choose_precision
 from navrl.config import compose
-from navrl.jobs.benchmark import ROWS
+from navrl.jobs.benchmark import MEASURED
+from navrl.jobs.row_names import ROWS
 from navrl.viz import plot_benchmark
 
 COMMAND = [
@@ -34,7 +35,9 @@ WITHOUT_OTHERS = {
     *("update.bfloat16.updates", "update.bfloat16.ceiling", "update.bfloat16.share"),
     *("training.frames", "training.updates", "training.environment", "training.update"),
     *("training.act", "training.replay_write", "training.replay_sample"),
-    *("latency.median", "latency.p99"),
+    "latency.median",
+    "latency.p99",
+    *("startup.torch", "startup.help", "startup.override", "startup.suites", "startup.ratio"),
 }
 
 
@@ -74,6 +77,7 @@ def test_every_bar_of_the_table_is_there(run):
         f"update.{choose_precision(torch.device('cpu'))}.share": (50, True),
         "training.environment": (10, False),
         "latency.p99": (3, False),
+        "startup.ratio": (0.5, False),
     }
     for key, (limit, least) in wanted.items():
         assert bars[key] == {"limit": limit, "least": least}, key
@@ -110,6 +114,10 @@ def test_unknown_rows_are_answered_with_the_known(rows, tmp_path):
     with pytest.raises(ValueError, match="latency") as error:
         jobs.run_benchmark(cfg, tmp_path)
     assert all(name in str(error.value) for name in ROWS)
+
+
+def test_each_row_name_is_measured():
+    assert tuple(MEASURED) == ROWS
 
 
 def test_a_picture_needs_a_report(tmp_path):

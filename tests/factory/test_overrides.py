@@ -107,7 +107,7 @@ def test_a_suite_without_episodes_names_its_number():
 
 
 def test_latency_is_that_of_the_changed_policy(tmp_path, monkeypatch):
-    from navrl.jobs.evaluation import make_runner
+    from navrl.factory.policy import make_runner
 
     assert make_runner(config("policy=dwa")) is None
     runner = make_runner(config("policy=paper", "+change.robot.max_speed=0.4"))

@@ -25,7 +25,7 @@ def test_viz_imports_no_simulation_and_no_window():
     files_alone = {
         f"navrl.evaluation.{name}" for name in ("recording", "comparison", "statistics", "stored")
     }
-    files_alone |= {"navrl.files", "navrl.untrusted"}
+    files_alone |= {"navrl.extras", "navrl.files", "navrl.untrusted"}
     assert {n for n in ours if not n.startswith("navrl.viz")} <= files_alone
     assert not [n for n in names if n.startswith(("torch", "pybullet", "matplotlib.pyplot"))]
 

@@ -140,6 +140,21 @@ def test_the_command_lists_and_tells_apart(capsys):
     assert "nobody" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["table1", "open_space", "speed_office_0.2", "density_corridor_8"])
+def test_frozen_suites_are_those_navrl_evaluate_plays(name):
+    """They are composed all at once, without the rest of the configuration."""
+    (entry,) = frozen_suites([name])
+    assert entry.node == compose("evaluate", list(entry.overrides)).suite
+    assert entry.name == entry.suite.name == name
+
+
+def test_a_misspelt_suite_gets_the_nearest_name(capsys):
+    assert main(["list", "validatoin"]) == 2
+    assert (
+        "names=['validatoin']: no such suite; did you mean validation?" in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize("kind", ["corridor", "intersection", "office"])
 def test_the_speed_sweep_varies_the_speed_alone(kind):
     slow, fast = (

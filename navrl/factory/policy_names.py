@@ -1,0 +1,27 @@
+"""Check the name of a policy without building it; importing this loads no torch."""
+
+from __future__ import annotations
+
+from navrl.config import did_you_mean, options
+from navrl.policies.names import bundle_folder, zoo_names
+
+SEVERAL = ("all", "zoo", "controllers")
+"""Words that stand for several policies in a sweep."""
+
+
+def check_policy_name(policy: str) -> None:
+    """Check that a name stands for a bundle or a controller.
+
+    Raises:
+        ValueError: If it does not, with the nearest names and all those there are.
+    """
+    known = options("controller")
+    if policy in known or bundle_folder(policy) is not None:
+        return
+    if policy in SEVERAL:
+        raise ValueError(f"policy={policy}: must be one policy; for several use navrl-evaluate -m")
+    near = did_you_mean(policy, [*zoo_names(), *known])
+    raise ValueError(
+        f"policy={policy}: no such bundle or controller{near}; "
+        f"controllers: {known}, zoo: {zoo_names()}, or the folder of a bundle or of a training run"
+    )
