@@ -1,4 +1,4 @@
-"""Optional dependencies: what to install for a feature that needs more than the base."""
+"""Optional dependencies and hints for their installation."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from importlib.util import find_spec
 
 
 def install_hint(extra: str) -> str:
-    """Return the command that installs an extra of pyproject.toml, to be run in a clone."""
+    """Return the command that installs an extra of pyproject.toml in a clone."""
     return f"pip install -e '.[{extra}]' in a clone of navrl"
 
 
 def require(extra: str, purpose: str, *modules: str) -> None:
-    """Raise unless the modules of an extra are installed.
+    """Check that the modules of an extra are installed.
 
     Args:
-        extra: Its name in pyproject.toml.
-        purpose: What needs them, the subject of the error.
+        extra: Name of the extra in pyproject.toml.
+        purpose: Feature that needs the modules, for the error message.
         modules: Top-level modules.
 
     Raises:
-        ModuleNotFoundError: If one is missing, naming all that are.
+        ModuleNotFoundError: If a module is missing; the message lists all missing modules.
     """
     missing = [name for name in modules if find_spec(name) is None]
     if missing:

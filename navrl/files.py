@@ -1,4 +1,4 @@
-"""Atomic writes: a file is the old one or the whole new one, and an error names the file."""
+"""Atomic file writes, text escaping and messages for file errors."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _FORMULA_STARTS = tuple("=+-@\t\n")  # OWASP, CSV injection
 def replacing(file: str | Path) -> Iterator[BinaryIO]:
     """Open a binary stream whose content replaces ``file`` once it is complete and on disk.
 
-    The content goes into a hidden file in the same folder, is synchronized, and takes the name by
-    a rename. If anything raises, the hidden file is removed and ``file`` stays as it was.
+    The content is written to a hidden file in the same folder, synchronized, and renamed. After an
+    error the hidden file is removed and ``file`` is unchanged.
 
     Args:
-        file: What to write; missing folders are made. What exists and is no regular file, such as
-            ``/dev/stdout``, is written in place.
+        file: File to write; missing folders are created. An existing file that is not regular, such
+            as ``/dev/stdout``, is written in place.
 
     Raises:
-        OSError: If writing fails, naming ``file``; also where a library hid that error behind one
-            of its own.
+        OSError: If writing fails, also if a library replaced that error by its own; the message
+            names ``file``.
     """
     with replacing_path(file, ".tmp") as fresh:
         raw = _RememberingFile(fresh, "wb")
@@ -45,7 +45,7 @@ def replacing(file: str | Path) -> Iterator[BinaryIO]:
                 raise raw.failure from error
             raise
         finally:
-            with suppress(OSError):  # of a flush that failed before
+            with suppress(OSError):  # repeats the error of a flush that failed before
                 stream.close()
 
 
@@ -53,17 +53,17 @@ def replacing(file: str | Path) -> Iterator[BinaryIO]:
 def replacing_path(file: str | Path, suffix: str | None = None) -> Iterator[Path]:
     """Yield the path of a new file that replaces ``file`` if the block ends without an error.
 
-    For programs and libraries that write by name; :func:`replacing` is for all else.
+    For programs and libraries that write to a path; otherwise use :func:`replacing`.
 
     Args:
-        file: What to write; missing folders are made.
-        suffix: Of the new file's name, as a writer may choose its format by it; that of ``file``
-            if ``None``.
+        file: File to write; missing folders are created.
+        suffix: Suffix of the new file, from which a writer may infer the format; ``None`` for that
+            of ``file``.
 
     Raises:
-        OSError: If writing fails, naming ``file``.
+        OSError: If writing fails; the message names ``file``.
     """
-    shown, file = file, Path(os.path.realpath(file))  # a link stays one
+    shown, file = file, Path(os.path.realpath(file))  # writes to the target of a link
     suffix = file.suffix if suffix is None else suffix
     fresh = file.with_name(f".{file.stem}.{secrets.token_hex(4)}{suffix}")
     try:
@@ -91,18 +91,17 @@ def write_text(file: str | Path, text: str) -> Path:
 
 
 def write_json(file: str | Path, value: object, **options: Any) -> Path:
-    """Write JSON and a newline atomically; ``options`` are those of :func:`json.dumps`."""
+    """Write JSON with a final newline atomically; ``options`` are those of :func:`json.dumps`."""
     return write_text(file, json.dumps(value, **options) + "\n")
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
-    """Return CSV with a header, in which no spreadsheet takes a cell for a formula.
+    """Return CSV with a header, escaped so that spreadsheets do not interpret cells as formulas.
 
     Args:
-        columns: Names, in order.
-        rows: Cells by column. Text that begins like a formula gets an apostrophe in front, as
-            spreadsheets write text themselves; numbers, also those written as text, stay as they
-            are.
+        columns: Column names in order.
+        rows: Cells by column. Text that begins like a formula is prefixed with an apostrophe, the
+            convention of spreadsheets; numbers, also in text form, are not changed.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -112,11 +111,11 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> st
 
 
 def markdown_text(text: str, code: bool = False) -> str:
-    """Return text as one line of Markdown without markup, which may stand in a table.
+    """Escape text to one line of Markdown without markup, valid in a table cell.
 
     Args:
-        text: Of any origin.
-        code: Whether it goes between backticks, where only those and bars have a meaning.
+        text: Text from any source.
+        code: Whether it is used between backticks, where only backticks and bars are special.
     """
     line = " ".join(text.split())
     if code:
@@ -126,7 +125,7 @@ def markdown_text(text: str, code: bool = False) -> str:
 
 
 def explain_os_error(error: OSError) -> str:
-    """Return one line that names the file and, of a full disk, what to do."""
+    """Return a one-line message that names the file and, for a full disk, the remedy."""
     if error.errno in _DISK_FULL:
         place = f"{error.filename}: " if error.filename else ""
         return f"{place}no space left on the disk; free some and run the same command again"
@@ -136,7 +135,7 @@ def explain_os_error(error: OSError) -> str:
 
 
 class _RememberingFile(io.FileIO):
-    """A file that keeps its error: torch.save, for one, reports a full disk as its own bug."""
+    """File that stores its write error, because torch.save hides a full disk in its own error."""
 
     failure: OSError | None = None
 
@@ -151,9 +150,8 @@ class _RememberingFile(io.FileIO):
 def _safe_cell(value: object) -> object:
     if not isinstance(value, str):
         return value
-    value = value.replace(
-        "\r", "\n"
-    )  # the writer does not quote it, and spreadsheets end rows there
+    # The writer does not quote a carriage return, at which spreadsheets end a row.
+    value = value.replace("\r", "\n")
     if not value.startswith(_FORMULA_STARTS):
         return value
     try:
@@ -167,12 +165,12 @@ def _synchronize(descriptor: int) -> None:
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # as of a pipe or a terminal
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # raised for a pipe or a terminal
             raise
 
 
 def _synchronize_folder(folder: Path) -> None:
-    """Put a rename on disk, where the system can synchronize folders."""
+    """Synchronize a rename to disk, if the system supports it for folders."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -1,8 +1,8 @@
-"""Every TensorDict key of navrl: meaning, shape, unit and frame.
+"""TensorDict keys of navrl with meaning, shape, unit and frame.
 
 Shapes are batch first and feature last; ``*B`` is any batch shape. Frames: *world* is the fixed map
-frame, *robot* has x forward and y left, and angles grow counter-clockwise. A transform takes any
-keys its user likes; these are the defaults.
+frame, *robot* has x forward and y left, and angles increase counter-clockwise. These are default
+keys; transforms accept any keys.
 """
 
 # --- raw outputs of the environment --------------------------------------------------------------
@@ -10,11 +10,11 @@ RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams in the lidar's frame;
 POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
 PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
 
-# --- what the transforms make of them ------------------------------------------------------------
+# --- outputs of the transforms -------------------------------------------------------------------
 RANGES_POOLED = "ranges_pooled"  # [*B, N] m, from the robot's center, bin 0 straight ahead
 POINTS = "points"  # [*B, N, 2] m, scan t, robot frame at t
 RETURNS = "returns"  # [*B, N] bool, the point is a real return
-SEEN = "seen"  # [*B, N] bool, the lidar covers the bin; only for lidars of less than a circle
+SEEN = "seen"  # [*B, N] bool, the lidar covers the bin; only for lidars below a full circle
 PREVIOUS_POINTS = "points_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
 PREVIOUS_RETURNS = "returns_previous"  # [*B, N] bool
 ALIGNED_POINTS = "points_aligned"  # [*B, N, 2] m, scan t-1, robot frame at t
@@ -29,18 +29,18 @@ WAYPOINTS = "waypoints"  # [*B, N_f, 2] m, robot frame
 GOAL = "goal_position"  # [*B, 2] m, end of the path, robot frame
 PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projection on the path
 
-# --- what the networks read (scaled to about [-1, 1]) --------------------------------------------
+# --- inputs of the networks (scaled to about [-1, 1]) --------------------------------------------
 SPATIAL_INPUT = "spatial"  # [*B, N, 2]
 SPATIAL_PREVIOUS_INPUT = "spatial_previous"  # [*B, N, 2], only for the NO-TAGD ablation
 TEMPORAL_INPUT = "temporal"  # [*B, N_c, 4]
 WAYPOINT_INPUT = "waypoint"  # [*B, N_f, 2]
-DISTANCE_INPUT = "distance"  # [*B, N] pooled ranges, what the baselines see of a scan
-DISTANCES_INPUT = "distances"  # [*B, K + 1, N] of now and of the past, aligned
+DISTANCE_INPUT = "distance"  # [*B, N] pooled ranges, scan input of the baselines
+DISTANCES_INPUT = "distances"  # [*B, K + 1, N] current and past ranges, aligned
 GOAL_INPUT = "goal"  # [*B, 2]
 
-# --- what the agent writes -----------------------------------------------------------------------
-# (v, w), m/s and rad/s, in the environment; [-1, 1] at the policy, where it is what the transforms
-# take it for: (v, w) too, or a subgoal
+# --- outputs of the agent ------------------------------------------------------------------------
+# In the environment (v, w), m/s and rad/s; at the policy in [-1, 1], interpreted by the transforms
+# as (v, w) or as a subgoal
 ACTION = "action"  # [*B, 2]
 STATE_ACTION_VALUE = "state_action_value"  # [*B, 1]
 SPATIAL_ATTENTION = "spatial_attention"  # [*B, N_b] softmax weights over sectors, sum 1
@@ -51,10 +51,10 @@ OUTCOME = "outcome"  # [*B, 1] int64, navrl.envs.Outcome
 CONTACT = "contact"  # [*B, 1] int64, navrl.sim.Contact
 REWARD_TERMS = "reward_terms"  # nested {term: [*B, 1]}, weighted; they sum to the reward
 
-# --- privileged: the true state, never for a lidar policy ----------------------------------------
+# --- privileged (true state, not available to lidar policies) ------------------------------------
 PEDESTRIAN_BOXES = "pedestrian_boxes"  # [*B, K, 5] (cx, cy, hx, hy, yaw), world; NaN where absent
-PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; inf without people
+PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, hull to box; inf without pedestrians
 
 # --- only between workers and learner ------------------------------------------------------------
-WORKER = "worker"  # [*B, 1] int64, which worker's worlds these are
-MAX_DYNAMIC = "max_dynamic"  # [*B, 1] int64, curriculum level: pedestrians of episodes to come
+WORKER = "worker"  # [*B, 1] int64, index of the worker
+MAX_DYNAMIC = "max_dynamic"  # [*B, 1] int64, curriculum level: pedestrians of new episodes

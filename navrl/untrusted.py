@@ -1,7 +1,7 @@
-"""The gate for files from outside: bounded, read without running code, errors name the file.
+"""Readers for untrusted files: bounded size, no code execution, errors that name the file.
 
-Evaluations, recordings, logs and bundles may be damaged, or written by a stranger. Every reader of
-such a file calls a function of this module, then checks what it uses.
+Evaluations, recordings, logs and bundles may be damaged or come from an untrusted source. All code
+that reads such a file uses a function of this module and then validates the values.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 import yaml
 
 MAX_TEXT_BYTES = 64 * 2**20
-"""Largest text file that is read: an ``episodes.csv`` of 10,000 episodes has about 5 MB."""
+"""Largest size of a text file; an ``episodes.csv`` of 10,000 episodes has about 5 MB."""
 MAX_ARRAY_BYTES = 512 * 2**20
-"""Largest sum of unpacked arrays of one file: a recording of 200 steps has about 3 MB."""
-_MAX_ARRAYS = 1000  # in one file; a recording has about 30
+"""Largest total size of the unpacked arrays of a file; a recording of 200 steps has about 3 MB."""
+_MAX_ARRAYS = 1000  # per file; a recording has about 30
 _KINDS = {dict: "an object", list: "a list"}
-_CHUNK = 2**20  # bytes unpacked at once
+_CHUNK = 2**20  # bytes unpacked at a time
 _NPZ_ERRORS = (
     ValueError,
     TypeError,
@@ -36,14 +36,14 @@ _NPZ_ERRORS = (
     NotImplementedError,  # an unknown compression
     RuntimeError,  # an encrypted archive
     OverflowError,
-    SyntaxError,  # an array's header
+    SyntaxError,  # an invalid array header
     zipfile.BadZipFile,
     zlib.error,
 )
 
 
 class DamagedFileError(ValueError):
-    """A file cannot be used; the message names it, what is wrong and what to do."""
+    """Error for an unusable file; the message contains the file, the reason and the remedy."""
 
     def __init__(self, file: str | Path, reason: object, remedy: str) -> None:
         super().__init__(f"{file}: {reason}; {remedy}")
@@ -53,16 +53,16 @@ def read_text(file: str | Path, remedy: str, max_bytes: int = MAX_TEXT_BYTES) ->
     """Read a UTF-8 file of limited size.
 
     Args:
-        file: What to read.
+        file: File to read.
         remedy: What the user can do if the file cannot be used, for the message.
         max_bytes: Largest size.
 
     Raises:
-        OSError: If there is no such file, or it may not be read.
-        DamagedFileError: If it is no regular file, too large or no UTF-8 text.
+        OSError: If the file does not exist or cannot be read.
+        DamagedFileError: If it is not a regular file, too large or not UTF-8 text.
     """
     file = Path(file)
-    if file.exists() and not file.is_file():  # a pipe would block for ever
+    if file.exists() and not file.is_file():  # reading a pipe could block forever
         raise DamagedFileError(file, "must be a regular file", remedy)
     with file.open("rb") as stream:
         if os.fstat(stream.fileno()).st_size > max_bytes:
@@ -71,22 +71,22 @@ def read_text(file: str | Path, remedy: str, max_bytes: int = MAX_TEXT_BYTES) ->
     try:
         return data.decode()
     except UnicodeDecodeError as error:
-        raise DamagedFileError(file, f"no UTF-8 text ({error})", remedy) from error
+        raise DamagedFileError(file, f"not UTF-8 text ({error})", remedy) from error
 
 
 def read_json(file: str | Path, remedy: str, kind: type = dict) -> Any:
     """Read JSON whose outermost value is a ``kind``.
 
     Raises:
-        OSError: As :func:`read_text`.
-        DamagedFileError: As :func:`read_text`, or if it is no JSON or another kind of value.
+        OSError: If the file does not exist or cannot be read.
+        DamagedFileError: If :func:`read_text` raises it, or the content is not JSON of this kind.
     """
     try:
         value = json.loads(read_text(file, remedy))
     except DamagedFileError:
         raise
     except (ValueError, RecursionError) as error:
-        raise DamagedFileError(file, f"damaged or no JSON ({error})", remedy) from error
+        raise DamagedFileError(file, f"damaged or not JSON ({error})", remedy) from error
     return _of_kind(value, kind, file, remedy)
 
 
@@ -94,32 +94,32 @@ def read_yaml(file: str | Path, remedy: str, kind: type = dict) -> Any:
     """Read plain YAML, without tags and aliases, whose outermost value is a ``kind``.
 
     Raises:
-        OSError: As :func:`read_text`.
-        DamagedFileError: As :func:`read_text`, or if it is no such YAML.
+        OSError: If the file does not exist or cannot be read.
+        DamagedFileError: If :func:`read_text` raises it, or the content is not such YAML.
     """
     try:
         value = yaml.load(read_text(file, remedy, MAX_TEXT_BYTES // 64), Loader=_PlainLoader)
     except DamagedFileError:
         raise
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise DamagedFileError(file, f"damaged or no YAML ({error})", remedy) from error
+        raise DamagedFileError(file, f"damaged or not YAML ({error})", remedy) from error
     return _of_kind(value, kind, file, remedy)
 
 
 def read_table(file: str | Path, remedy: str, is_log: bool = False) -> list[dict[str, str]]:
     """Read the rows of a CSV file with a header.
 
-    A last line without its end is what a killed process or a full disk leaves, so it is an error.
+    A last line without a line end indicates a killed process or a full disk and is an error.
 
     Args:
-        file: What to read.
+        file: File to read.
         remedy: As in :func:`read_text`.
-        is_log: Whether rows are appended one by one, by a process that may still run: then such a
-            line is left out.
+        is_log: Whether a running process may append rows; an incomplete last line is then ignored.
 
     Raises:
-        OSError: As :func:`read_text`.
-        DamagedFileError: As :func:`read_text`, or if a row has more or fewer cells than the header.
+        OSError: If the file does not exist or cannot be read.
+        DamagedFileError: If :func:`read_text` raises it, the last line is incomplete, or a row has
+            more or fewer cells than the header.
     """
     text = read_text(file, remedy)
     if is_log:
@@ -129,28 +129,28 @@ def read_table(file: str | Path, remedy: str, is_log: bool = False) -> list[dict
     try:
         rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except csv.Error as error:
-        raise DamagedFileError(file, f"no CSV ({error})", remedy) from error
+        raise DamagedFileError(file, f"not CSV ({error})", remedy) from error
     for number, row in enumerate(rows, start=1):
         if None in row or None in row.values():
-            raise DamagedFileError(file, f"row {number}: must have a cell a column", remedy)
+            raise DamagedFileError(file, f"row {number}: must have one cell per column", remedy)
     return rows
 
 
 def read_arrays(
     file: str | Path, remedy: str, max_bytes: int = MAX_ARRAY_BYTES
 ) -> dict[str, np.ndarray]:
-    """Read an ``.npz`` file; no pickle is loaded, and checksums are compared.
+    """Read an ``.npz`` file without pickles and with verified checksums.
 
-    Sizes are checked against what the file really holds before memory is allocated.
+    Sizes are checked against the content of the file before memory is allocated.
 
     Args:
-        file: What to read.
+        file: File to read.
         remedy: As in :func:`read_text`.
-        max_bytes: Largest sum of the unpacked arrays' sizes.
+        max_bytes: Largest total size of the unpacked arrays.
 
     Raises:
-        OSError: If there is no such file, or it may not be read.
-        DamagedFileError: If it is damaged, too large or no such file.
+        OSError: If the file does not exist or cannot be read.
+        DamagedFileError: If it is damaged, too large or not an ``.npz`` file.
     """
     file = Path(file)
     if file.exists() and not file.is_file():
@@ -166,25 +166,25 @@ def read_arrays(
                 )
             return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
     except _NPZ_ERRORS as error:
-        raise DamagedFileError(file, f"damaged or no .npz file ({error})", remedy) from error
+        raise DamagedFileError(file, f"damaged or not an .npz file ({error})", remedy) from error
 
 
 def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> bool:
-    """Return whether a value is a finite number in [low, high], and no bool."""
+    """Return whether a value is a finite number in [low, high] and not a bool."""
     is_real = isinstance(value, int | float) and not isinstance(value, bool)
     return is_real and abs(value) <= sys.float_info.max and low <= value <= high
 
 
 def _of_kind(value: object, kind: type, file: str | Path, remedy: str) -> Any:
     if not isinstance(value, kind):
-        reason = f"must hold {_KINDS[kind]}, found {type(value).__name__}"
+        reason = f"must contain {_KINDS[kind]}, found {type(value).__name__}"
         raise DamagedFileError(file, reason, remedy)
     return value
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(member) as stream:
-        data = b"".join(iter(lambda: stream.read(_CHUNK), b""))  # at the end the checksum is held
+        data = b"".join(iter(lambda: stream.read(_CHUNK), b""))  # verifies the checksum at the end
     content = io.BytesIO(data)
     version = np.lib.format.read_magic(content)
     if version not in ((1, 0), (2, 0)):
@@ -192,15 +192,15 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
     shape, is_fortran, dtype = read_header(content)
     if dtype.hasobject:
-        raise ValueError(f"{member.filename}: pickled objects are not read")
+        raise ValueError(f"{member.filename}: pickled objects are not supported")
     if math.prod(shape) * dtype.itemsize != len(data) - content.tell():
-        raise ValueError(f"{member.filename}: shape {list(shape)} is not what it holds")
+        raise ValueError(f"{member.filename}: shape {list(shape)} does not match its content")
     array = np.frombuffer(data, dtype, offset=content.tell()).copy()
     return array.reshape(shape, order="F" if is_fortran else "C")
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Safe YAML without aliases: a few lines of those expand to gigabytes, or to themselves."""
+    """Safe YAML loader without aliases, which can expand to gigabytes or recursively."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.events.AliasEvent):

@@ -1,4 +1,4 @@
-"""Speeds and their bars: what ``navrl-benchmark`` measures, one file for each thing measured."""
+"""Measurements of ``navrl-benchmark`` and their target values, one module per subject."""
 
 from navrl.benchmarks.collecting import frame_rates, worker_rows
 from navrl.benchmarks.gpu import gpu_rows

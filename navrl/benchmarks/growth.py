@@ -1,4 +1,4 @@
-"""How costs grow with sizes."""
+"""Exponents of growth of costs with sizes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def fit_exponents(sizes: Sequence[float], costs: np.ndarray) -> np.ndarray:
         costs: ``[..., n]``, positive.
 
     Returns:
-        ``[...]`` the exponents b; 1 is linear growth.
+        ``[...]``, exponents b; 1 for linear growth.
 
     Raises:
         ValueError: If there are fewer than two sizes, or a number is not positive.
@@ -23,10 +23,10 @@ def fit_exponents(sizes: Sequence[float], costs: np.ndarray) -> np.ndarray:
     sizes, costs = np.asarray(sizes, dtype=float), np.asarray(costs, dtype=float)
     if len(set(sizes.tolist())) < 2 or costs.shape[-1:] != sizes.shape:
         raise ValueError(
-            f"sizes: need two different ones or more and a cost for each, "
-            f"got {sizes.tolist()} and costs of shape {list(costs.shape)}"
+            f"sizes={sizes.tolist()}: must be at least two different values with one cost for "
+            f"each, got costs of shape {list(costs.shape)}"
         )
     if not (sizes > 0).all() or not (costs > 0).all():
-        raise ValueError("sizes and costs must be positive")
+        raise ValueError("sizes, costs: must be positive")
     x = np.log(sizes) - np.log(sizes).mean()
     return np.log(costs) @ x / (x @ x)

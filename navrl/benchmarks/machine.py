@@ -1,4 +1,4 @@
-"""Which machine it was."""
+"""Description of the machine of a benchmark."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import torch
 def describe_machine() -> dict[str, str | int | float]:
     """Return processor, cores, load and versions.
 
-    The load (processes that wanted a core in the last minute) should be near zero before a
-    benchmark; what else runs is taken from what is measured.
+    The load (average number of runnable processes in the last minute) should be near zero before a
+    benchmark, because other processes reduce the measured rates.
     """
     machine: dict[str, str | int | float] = {
         "processor": _processor(),

@@ -1,4 +1,4 @@
-"""How long things take, measured side by side."""
+"""Interleaved time measurements."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import torch
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is measured.
+    """Duration and number of measurements.
 
     Args:
-        seconds: Least duration of one measurement, s.
-        repeats: Measurements of each thing.
+        seconds: Smallest duration of one measurement, s.
+        repeats: Number of measurements of each task.
 
     Raises:
         ValueError: If a value is not positive.
@@ -36,12 +36,12 @@ class Budget:
 
 @dataclass(frozen=True)
 class Task:
-    """Something to be timed.
+    """Function to be timed.
 
     Args:
-        work: Does some work and returns how many units of it.
-        num_threads: Threads that torch and the compiled kernels may use meanwhile.
-        prepare: Called before each ``work``; its time is not measured. ``None``: nothing is.
+        work: Function that does some work and returns its number of units.
+        num_threads: Threads of torch and the compiled kernels during the work.
+        prepare: Called before each ``work``, not measured; ``None`` for no preparation.
     """
 
     work: Callable[[], int]
@@ -50,15 +50,15 @@ class Task:
 
 
 def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray]:
-    """Measure all tasks in turn, over and over.
+    """Measure all tasks alternately, several times.
 
-    What is compared is measured within seconds of each other, there and back (A B B A), so that a
-    machine that slows down, or is busy with something else, does so for all of them. Each task runs
-    once before, unmeasured: compilers and caches are warm.
+    Compared tasks are measured within seconds of each other, in alternating order (A B B A), so
+    that a slower or busy machine affects all of them. Each task runs once before the measurements,
+    to compile kernels and fill caches.
 
     Args:
-        tasks: What to time, by name.
-        budget: How long and how often.
+        tasks: Tasks by name.
+        budget: Duration and number of measurements.
 
     Returns:
         Units per second, ``[repeats]`` for each name.
@@ -87,7 +87,7 @@ def _rate(task: Task, seconds: float) -> float:
         return units / elapsed
     _wait_for_gpu()
     start = time.perf_counter()
-    while elapsed < seconds:  # a GPU may be busy with one call while the next is prepared
+    while elapsed < seconds:  # no synchronization between calls, which may overlap on a GPU
         units += task.work()
         elapsed = time.perf_counter() - start
     _wait_for_gpu()
@@ -95,7 +95,7 @@ def _rate(task: Task, seconds: float) -> float:
 
 
 def _run(task: Task) -> tuple[int, float]:
-    """Prepare, then work once; return the units and the seconds of the work alone."""
+    """Prepare and work once; return the units and the seconds of the work."""
     if task.prepare is not None:
         task.prepare()
     _wait_for_gpu()
@@ -106,14 +106,14 @@ def _run(task: Task) -> tuple[int, float]:
 
 
 def _wait_for_gpu() -> None:
-    """Wait until a GPU in use, if there is one, has done what it was told."""
+    """Synchronize with the GPU, if one is in use."""
     if torch.cuda.is_initialized():
         torch.cuda.synchronize()
 
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Let torch, and the kernels that follow it, use ``count`` threads for a while."""
+    """Set the number of threads of torch and the kernels within the block."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -124,9 +124,9 @@ def threads(count: int) -> Iterator[None]:
 
 @contextmanager
 def frozen_objects() -> Iterator[None]:
-    """Keep the garbage collector from what exists by now, as ``navrl-train`` does.
+    """Exclude existing objects from garbage collection within the block, as ``navrl-train`` does.
 
-    Torch's modules are some hundred thousand objects, and to walk them takes milliseconds.
+    Torch's modules have some hundred thousand objects, whose traversal takes milliseconds.
     """
     gc.collect()
     gc.freeze()

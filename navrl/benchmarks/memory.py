@@ -1,4 +1,4 @@
-"""Memory that many worlds take, in a process of their own."""
+"""Benchmark of the memory of many worlds, in a separate process."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _NUM_STEPS = 5
 
 
 def memory_row(make: MakeEnv, num_worlds: int) -> Row:
-    """Measure what ``num_worlds`` worlds add to a process that has stepped a single one.
+    """Measure the memory that ``num_worlds`` worlds add to a process that has stepped one world.
 
     Args:
-        make: Makes the environment; it is pickled.
-        num_worlds: Worlds.
+        make: Builds the environment; must be picklable.
+        num_worlds: Number of worlds.
     """
     context = get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as first:  # compiles what is not in the cache
+    with ProcessPoolExecutor(1, mp_context=context) as first:  # compiles kernels not in the cache
         first.submit(_drive, make, 1).result()
     with ProcessPoolExecutor(1, mp_context=context) as fresh:
         grown = fresh.submit(_grow, make, num_worlds).result()
@@ -34,7 +34,7 @@ def memory_row(make: MakeEnv, num_worlds: int) -> Row:
 
 
 def _grow(make: Callable, num_worlds: int) -> float:
-    """Return by how many MB the process came to hold more than before, at its peak."""
+    """Return the increase of the peak memory of the process, MB."""
     with threads(1):
         _drive(make, 1)
         before = _resident_mb()
@@ -49,7 +49,7 @@ def _drive(make: MakeEnv, num_worlds: int) -> None:
 
 
 def _resident_mb() -> float:
-    """Return what the process holds now, or its peak where the system does not tell."""
+    """Return the current memory of the process, or its peak where that is not available, MB."""
     file = Path("/proc/self/statm")
     if not file.is_file():
         return _peak_mb()

@@ -1,4 +1,4 @@
-"""ICP and TAGD alone, on scans of a drive."""
+"""Benchmark of ICP and TAGD on recorded scans."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _NUM_STEPS = 8
 def perception_rows(
     env: TransformedEnv, variants: Mapping[str, tuple[Transform, Transform]], budget: Budget
 ) -> list[Row]:
-    """Measure alignment and grouping of one scan, on one core.
+    """Measure alignment and grouping of one scan on one core.
 
     Args:
-        env: Where the scans come from: the last step of a short random drive in all worlds.
+        env: Environment; scans are those of the last step of a short random drive in all worlds.
         variants: ICP and TAGD transforms by name.
-        budget: How much to measure.
+        budget: Duration and number of measurements.
     """
     scans = scans_of_a_drive(env)
     tasks = {name: Task(_work(scans, *pair)) for name, pair in variants.items()}
@@ -35,7 +35,7 @@ def perception_rows(
 
 
 def scans_of_a_drive(env: TransformedEnv) -> TensorDictBase:
-    """Return what the transforms see after some random steps."""
+    """Return the data of an environment after some random steps."""
     drive = RandomDrive(env)
     for _ in range(_NUM_STEPS):
         drive()

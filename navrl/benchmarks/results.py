@@ -1,4 +1,4 @@
-"""What a benchmark found: rows, series, and the report that holds them."""
+"""Benchmark results: rows, series and report."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ PUBLISHED = {
     "peers.ir_sim_ratio": 2947.0,
     "step.ratio": 68.5,
 }
-"""Medians in docs/benchmark.md of the rows that compare with other simulators, by key.
+"""Published medians (docs/benchmark.md) of comparisons with other simulators, by key.
 
-Ratios only: both sides are measured in turn, so another machine or a busy one changes them little.
+These are ratios of alternating measurements, which depend little on machine and load.
 """
 
 
 @dataclass(frozen=True)
 class Bar:
-    """The figure to reach.
+    """Target value of a measurement.
 
     Args:
-        limit: In the row's unit.
-        is_least: Whether the value must be at least this; otherwise at most.
+        limit: Limit in the unit of the row.
+        is_least: Whether the limit is a lower bound; otherwise it is an upper bound.
     """
 
     limit: float
     is_least: bool = True
 
     def is_met_by(self, value: float) -> bool:
-        """Tell whether ``value`` reaches the bar."""
+        """Return whether ``value`` meets the target."""
         return value >= self.limit if self.is_least else value <= self.limit
 
     def __str__(self) -> str:
@@ -44,7 +44,7 @@ class Bar:
 
 
 def at_most(limit: float) -> Bar:
-    """Return the bar of a quantity that should be small."""
+    """Return a target with an upper bound."""
     return Bar(limit, is_least=False)
 
 
@@ -53,11 +53,11 @@ class Row:
     """One measured quantity.
 
     Args:
-        key: Unique name, for programs.
-        label: What it is, for people.
-        unit: Of the values.
-        values: One a repeat.
-        bar: What the median should reach, or ``None``.
+        key: Unique machine-readable name.
+        label: Description for tables.
+        unit: Unit of the values.
+        values: One value per repetition.
+        bar: Target of the median, or ``None``.
 
     Raises:
         ValueError: If there are no values, or one is not finite.
@@ -72,11 +72,11 @@ class Row:
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=float)
         if values.size == 0 or not np.isfinite(values).all():
-            raise ValueError(f"{self.key}: need finite values, got {values.tolist()}")
+            raise ValueError(f"{self.key}: must have finite values, got {values.tolist()}")
 
     @property
     def median(self) -> float:
-        """Middle of the values."""
+        """Median of the values."""
         return float(np.median(self.values))
 
     @property
@@ -87,11 +87,11 @@ class Row:
 
     @property
     def is_met(self) -> bool | None:
-        """Whether the median reaches the bar; ``None`` without one."""
+        """Whether the median meets the target; ``None`` without a target."""
         return None if self.bar is None else self.bar.is_met_by(self.median)
 
     def is_within(self, factor: float) -> bool:
-        """Return whether the median is within a factor of the published figure, if there is one."""
+        """Return whether the median is within a factor of the published value, if there is one."""
         published = PUBLISHED.get(self.key)
         return published is None or published / factor <= self.median <= published * factor
 
@@ -113,16 +113,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Series:
-    """How a cost grows with a size.
+    """Measured cost as a function of a size.
 
     Args:
-        key: Unique name, for programs.
-        label: What costs, for people.
-        size: What grows, for people.
-        unit: Of the cost.
-        sizes: ``[n]``, at least two different ones.
+        key: Unique machine-readable name.
+        label: Description of the cost for tables.
+        size: Description of the size for tables.
+        unit: Unit of the cost.
+        sizes: ``[n]``, at least two different values.
         costs: ``[repeats, n]``, positive.
-        bar: On the exponent, or ``None``.
+        bar: Target of the exponent, or ``None``.
     """
 
     key: str
@@ -134,7 +134,7 @@ class Series:
     bar: Bar | None = None
 
     def row(self) -> Row:
-        """Return the exponent of growth, one a repeat: the slope of log cost over log size."""
+        """Return the exponent of growth per repetition: the slope of log cost over log size."""
         exponents = fit_exponents(self.sizes, self.costs)
         return Row(
             f"growth.{self.key}",
@@ -159,14 +159,14 @@ class Series:
 
 @dataclass
 class Report:
-    """All that one run of the benchmark found.
+    """All results of one run of the benchmark.
 
     Args:
-        machine: Where it ran.
-        rows: In the order of the table.
-        series: Growth of costs; each has its row too.
-        skipped: What was left out, and why.
-        factor: A row that is further from its published figure is warned of; ``None``: none is.
+        machine: Description of the machine.
+        rows: Rows in the order of the table.
+        series: Growth of costs; each series also has a row.
+        skipped: Omitted measurements and reasons.
+        factor: Largest ratio to a published value without a warning; ``None`` for no warnings.
     """
 
     machine: dict
@@ -176,7 +176,11 @@ class Report:
     factor: float | None = None
 
     def add(self, *results: Row | Series | str) -> None:
-        """Append rows, series (with their rows) and reasons for what is left out."""
+        """Append rows, series (with their rows) and reasons for omitted measurements.
+
+        Raises:
+            ValueError: If the key of a row exists already.
+        """
         for result in results:
             if isinstance(result, str):
                 self.skipped.append(result)
@@ -185,7 +189,7 @@ class Report:
                 self.series.append(result)
                 result = result.row()
             if any(result.key == row.key for row in self.rows):
-                raise ValueError(f"row {result.key!r} is there already")
+                raise ValueError(f"key={result.key!r}: must be unique, a row has it already")
             self.rows.append(result)
 
     def to_dict(self) -> dict:
@@ -198,7 +202,7 @@ class Report:
         }
 
     def save(self, file: Path) -> None:
-        """Write as JSON."""
+        """Write the report as JSON."""
         write_json(file, self.to_dict(), indent=2, ensure_ascii=False)
 
     def table(self) -> str:
@@ -223,7 +227,7 @@ class Report:
         return "\n".join([machine, "", *text, *skipped, *self.warnings()])
 
     def warnings(self) -> list[str]:
-        """Return a line for each row that is far from its published figure."""
+        """Return a line for each row that is far from its published value."""
         if self.factor is None:
             return []
         return [
@@ -236,7 +240,7 @@ class Report:
 
 
 def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:
-    """Pad: numbers to the right, words to the left."""
+    """Pad cells: numbers right-aligned, words left-aligned."""
     return [
         cell.rjust(w) if i in (1, 2) else cell.ljust(w)
         for i, (cell, w) in enumerate(zip(line, width, strict=True))
@@ -244,5 +248,5 @@ def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:
 
 
 def number(value: float) -> str:
-    """Write three digits, or all before the point."""
+    """Format a value with three significant digits, or all digits of the integer part."""
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""A short training, timed phase by phase by the trainer itself."""
+"""Benchmark of a short training by phase, from the log of the trainer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from navrl.benchmarks.results import Row, at_most
 
-PHASES = {  # of the trainer, or of a trainer with workers
+PHASES = {  # phases of the trainer, with and without workers
     "act": "policy acts",
     "environment": "simulator and transforms",
     "wait": "waiting for workers",
@@ -21,12 +21,12 @@ PHASES = {  # of the trainer, or of a trainer with workers
 
 
 def training_rows(log: Path, cores: int) -> list[Row]:
-    """Read what a training logged: each row of the log is one measurement.
+    """Read the log of a training, in which each row is one measurement.
 
     Args:
-        log: The trainer's ``metrics.csv``. Its first row is left out: it holds the steps before the
-            first update.
-        cores: Threads that it ran on.
+        log: ``metrics.csv`` of the trainer. Its first row is ignored, because it contains the steps
+            before the first update.
+        cores: Number of threads of the training.
 
     Raises:
         ValueError: If the log has fewer than two rows with timings.
@@ -34,7 +34,7 @@ def training_rows(log: Path, cores: int) -> list[Row]:
     with log.open(newline="") as stream:
         rows = [row for row in csv.DictReader(stream) if row.get("speed/frames_per_s")][1:]
     if not rows:
-        raise ValueError(f"{log}: need at least two rows with timings")
+        raise ValueError(f"{log}: must have at least two rows with timings")
 
     def column(name: str) -> np.ndarray:
         return np.array([float(row[name]) for row in rows])

@@ -1,4 +1,4 @@
-"""What a planar lidar sees of oriented boxes."""
+"""Ray casting of a planar lidar against oriented boxes."""
 
 import functools
 import math
@@ -19,24 +19,30 @@ def cast_rays(
 ) -> Tensor:
     """Return the distance along each beam to the nearest box.
 
-    Beam j points at 2 pi j / num_beams from the pose's x axis, counter-clockwise. A scanner inside
-    of a box, or on its edge, reads 0 in every beam. A world without boxes reads ``max_range``.
+    Beam j points at 2 pi j / num_beams from the x axis of the pose, counter-clockwise. A scanner
+    inside a box or on its edge reads 0 in every beam. A world without boxes reads ``max_range``.
 
     Args:
         pose: [*B, 3] (x, y, yaw) of the scanner, world.
         boxes: [*B, K, 5] (cx, cy, hx, hy, yaw), world, half sizes in m; NaN rows are absent.
-        num_boxes: [*B] int64, leading rows of ``boxes`` that count; all of them if None.
-        num_beams: beams over the full circle.
-        max_range: m; exactly this where nothing nearer is hit.
-        backend: see :mod:`navrl.ops.backend`. The kernel's geometry is float64, that of the torch
-            form, one slab test per beam and box, has the dtype of ``pose``. They agree to 1e-4 m
-            but for beams that graze an edge.
+        num_boxes: [*B] int64, number of leading rows of ``boxes`` to use; None uses all rows.
+        num_beams: Number of beams over the full circle.
+        max_range: Range of the sensor, m; returned exactly where no box is nearer.
+        backend: See :mod:`navrl.ops.backend`. The kernel computes in float64; the torch
+            implementation (a slab test per beam and box) in the dtype of ``pose``. They agree to
+            1e-4 m except for beams that graze an edge.
 
     Returns:
         [*B, num_beams] float32 m.
 
     Raises:
-        ValueError: shapes or devices do not match, a pose is not finite, or a size is negative.
+        ValueError: If shapes or devices do not match, a pose is not finite, or a half size is
+            negative.
+
+    Example:
+        >>> boxes = torch.tensor([[2.0, 0.0, 0.5, 0.5, 0.0]])
+        >>> cast_rays(torch.zeros(3), boxes, num_beams=4)
+        tensor([1.5000, 3.5000, 3.5000, 3.5000])
     """
     num_boxes = _check(pose, boxes, num_boxes, num_beams, max_range)
     pose, boxes = as_real(pose), as_real(boxes)
@@ -48,36 +54,41 @@ def cast_rays(
 def _check(
     pose: Tensor, boxes: Tensor, num_boxes: Tensor | None, num_beams: int, max_range: float
 ) -> Tensor:
-    """Raise on bad input; return ``num_boxes`` filled in."""
+    """Check the arguments of :func:`cast_rays`; return ``num_boxes`` or its default."""
     batch = pose.shape[:-1]
     if pose.ndim < 1 or pose.shape[-1] != 3:
-        raise ValueError(f"pose must be [*B, 3], got {list(pose.shape)}")
+        raise ValueError(f"pose: must be [*B, 3], got {list(pose.shape)}")
     if boxes.ndim != pose.ndim + 1 or boxes.shape[:-2] != batch or boxes.shape[-1] != 5:
-        raise ValueError(f"boxes must be {[*batch, 'K', 5]}, got {list(boxes.shape)}")
+        raise ValueError(f"boxes: must be {[*batch, 'K', 5]}, got {list(boxes.shape)}")
     if num_boxes is None:
         num_boxes = torch.full(batch, boxes.shape[-2], dtype=torch.int64, device=pose.device)
     if num_boxes.shape != batch or num_boxes.is_floating_point():
         raise ValueError(
-            f"num_boxes must be {list(batch)} integers, "
+            f"num_boxes: must be {list(batch)} integers, "
             f"got {list(num_boxes.shape)} {num_boxes.dtype}"
         )
     check_same_device(pose=pose, boxes=boxes, num_boxes=num_boxes)
     if num_beams < 1:
-        raise ValueError(f"num_beams must be at least 1, got {num_beams}")
+        raise ValueError(f"num_beams={num_beams}: must be at least 1")
     if not (max_range > 0.0 and math.isfinite(max_range)):
-        raise ValueError(f"max_range must be positive and finite, got {max_range}")
+        raise ValueError(f"max_range={max_range}: must be positive and finite (m)")
     if not bool(torch.isfinite(pose).all()):
-        raise ValueError("pose must be finite, got NaN or infinity")
+        raise ValueError("pose: must be finite, got NaN or infinity")
     if bool((boxes[..., 2:4] < 0.0).any()):
-        raise ValueError("boxes must have half sizes hx, hy >= 0, got a negative one")
+        raise ValueError("boxes: must have half sizes hx, hy >= 0, got a negative value")
     if bool(((num_boxes < 0) | (num_boxes > boxes.shape[-2])).any()):
-        raise ValueError(f"num_boxes must be within 0..{boxes.shape[-2]}")
+        raise ValueError(f"num_boxes: must be within 0..{boxes.shape[-2]}")
     return num_boxes
 
 
 @functools.lru_cache(maxsize=16)
 def beam_directions(num_beams: int, device: torch.device | str = "cpu") -> Tensor:
-    """Return [2, num_beams] float64 (cos, sin) of the beams' angles; do not write into it."""
+    """Return [2, num_beams] float64 (cos, sin) of the beam angles; the result is cached, read-only.
+
+    Example:
+        >>> beam_directions(4).round(decimals=3).abs()[0].tolist()
+        [1.0, 0.0, 1.0, 0.0]
+    """
     angle = torch.arange(num_beams, dtype=torch.float64) * (2.0 * math.pi / num_beams)
     return torch.stack((torch.cos(angle), torch.sin(angle))).to(device)
 
@@ -103,7 +114,7 @@ def _cast_rays_compiled(
 def _cast_rays_torch(
     pose: Tensor, boxes: Tensor, num_boxes: Tensor, num_beams: int, max_range: float
 ) -> Tensor:
-    """Slab test of every beam against every box: [*B, K, beams] in memory."""
+    """Test every beam against every box (slab method); needs [*B, K, beams] of memory."""
     boxes = boxes.to(pose.dtype)
     absent = torch.arange(boxes.shape[-2], device=pose.device) >= num_boxes[..., None]
     absent = absent | boxes.isnan().any(-1)
@@ -121,7 +132,7 @@ def _cast_rays_torch(
     angle = torch.arange(num_beams, device=pose.device, dtype=pose.dtype)
     angle = angle * (2.0 * math.pi / num_beams) + (pose[..., None, 2:3] - turn[..., None])
     direction = torch.stack((torch.cos(angle), torch.sin(angle)), dim=-1)
-    # the stretch of each beam between the two planes of each axis
+    # the interval of each beam between the two planes of each axis
     near = (-half - origin)[..., None, :] / direction
     far = (half - origin)[..., None, :] / direction
     is_parallel = direction == 0.0

@@ -1,4 +1,4 @@
-"""What acts while experience is collected: the actor, its noise, and guides in some worlds."""
+"""Behavior policy: actor, exploration noise and an optional guide in some worlds."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from navrl.algos import GaussianExploration
 
 
 class Behaviour:
-    """Act in a batch of worlds to collect experience.
+    """Behavior policy that acts in a batch of worlds to collect experience.
 
     Args:
-        actor: The policy in training, writing a normalised action.
+        actor: Policy in training, which writes a normalized action.
         exploration: Noise on the actions.
-        guide: A controller that writes a normalised action too; ``None`` for none.
-        guided_fraction: Share of the worlds driven by the guide (with noise). Their transitions
-            enter the replay like all others: DDPG is off-policy. Not in the paper.
-        guided_frames: Frames after which the guide leaves; ``None`` for never.
-        random_frames: Frames at the start during which the other worlds act uniformly at random.
+        guide: Controller that writes a normalized action; ``None`` for no guide.
+        guided_fraction: Share of the worlds controlled by the guide (with noise). Their transitions
+            enter the replay like all others, because DDPG is off-policy. Not in the paper.
+        guided_frames: Frames after which the guide is disabled; ``None`` for never.
+        random_frames: Initial frames with uniformly random actions in the other worlds.
 
     Raises:
         ValueError: If a share is outside [0, 1], a count is negative or a guide is missing.
@@ -52,7 +52,7 @@ class Behaviour:
     @torch.no_grad()
     def act(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
         """Write ``action [N, 2]`` in [-1, 1] into ``tensordict`` after ``frames`` env steps."""
-        last = tensordict.get(keys.ACTION, None)  # what was driven in the step before, with noise
+        last = tensordict.get(keys.ACTION, None)  # action of the previous step, with noise
         if frames < self.random_frames:
             shape = (len(tensordict), self.exploration.action_size)
             tensordict.set(keys.ACTION, torch.rand(shape, device=tensordict.device) * 2 - 1)
@@ -66,7 +66,7 @@ class Behaviour:
         return self.exploration(tensordict, frames)
 
     def _guide_action(self, tensordict: TensorDictBase, last: Tensor | None) -> Tensor:
-        """Return the guide's action ``[G, 2]``; it reads its last action, not the actor's next."""
+        """Return the guide's action ``[G, 2]``, computed from its own last action."""
         if last is None:
             return self.guide(tensordict.exclude(keys.ACTION)).get(keys.ACTION)
         return self.guide(tensordict.set(keys.ACTION, last[: len(tensordict)])).get(keys.ACTION)

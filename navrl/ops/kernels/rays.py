@@ -1,8 +1,8 @@
-"""Ray casting by rasterising box faces into intervals of beams.
+"""Ray casting by rasterizing box faces into intervals of beams.
 
-A convex box shows at most two faces to a scanner outside of it, and each face covers one interval
-of beams. So the work per box is two or three arc tangents and one division per beam that the box
-covers, instead of one slab test per beam and box.
+At most two faces of a box are visible to a scanner outside of it, and each face covers one interval
+of beams. The cost per box is therefore two to four arc tangents and one division per covered beam,
+instead of one slab test per beam and box.
 """
 
 import math
@@ -11,19 +11,19 @@ import numpy as np
 
 from navrl.ops.kernels.compiler import kernel, scalar
 
-_EDGE = 1e-9  # beams; a beam through the common corner of two boxes must not slip between them
+_EDGE = 1e-9  # beams; widens faces so that no beam passes between two boxes with a common corner
 
 
 @scalar
 def write_face(face, num_beams, distance, nx, ny, start_x, start_y, end_x, end_y):
-    """Write a face seen from its outside as (distance, nx, ny, first beam, last beam).
+    """Write a visible face as (distance, nx, ny, first beam, last beam).
 
     Args:
-        face: [5]; the last beam may lie beyond ``num_beams``, where they start again from 0.
-        num_beams: over the full circle.
-        distance: of the scanner from the face's line, positive.
-        nx, ny: unit normal pointing from the scanner to the face's line, scanner frame.
-        start_x .. end_y: the face's corners in the scanner frame, counter-clockwise.
+        face: [5], output; the last beam may be beyond ``num_beams``, where indices wrap to 0.
+        num_beams: Number of beams over the full circle.
+        distance: Distance of the scanner from the line of the face, m, positive.
+        nx, ny: Unit normal from the scanner to the line of the face, scanner frame.
+        start_x .. end_y: Corners of the face in the scanner frame, m, counter-clockwise.
     """
     beams_per_rad = num_beams / (2.0 * math.pi)
     start = math.atan2(start_y, start_x) * beams_per_rad
@@ -39,13 +39,13 @@ def write_face(face, num_beams, distance, nx, ny, start_x, start_y, end_x, end_y
 def find_faces(
     faces, num_beams, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
 ):
-    """Write the faces that a box shows to a scanner to ``faces`` [2, 5], see :func:`write_face`.
+    """Write the faces of a box visible to a scanner to ``faces`` [2, 5], see :func:`write_face`.
 
-    The scanner is at (x, y) with the given heading, all world.
+    The scanner is at (x, y) with the given heading, world frame.
 
     Returns:
-        How many there are: none of a box further than ``max_range``, -1 for a box around the
-        scanner, which reads 0 everywhere.
+        The number of faces: 0 for a box farther than ``max_range``, -1 for a box that contains the
+        scanner, which then reads 0 in all beams.
     """
     dx, dy = cx - x, cy - y
     # the scanner in the box frame
@@ -57,7 +57,7 @@ def find_faces(
         return 0
     if gap_x <= 0.0 and gap_y <= 0.0:
         return -1
-    # the box's centre and half axes in the scanner frame
+    # center and axes of the box in the scanner frame
     px, py = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
     ux, uy = cos_box * cos_yaw + sin_box * sin_yaw, sin_box * cos_yaw - cos_box * sin_yaw
     count = 0
@@ -108,7 +108,7 @@ def cast_interval(out, cos, sin, face, first, stop):
 
 @kernel
 def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, max_range):
-    """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
+    """Scan the first ``num_boxes[n]`` rows of ``boxes`` of each world n; NaN rows are absent."""
     for world in range(rows[0], rows[1]):
         row, faces = out[world], np.empty((2, 5))
         row[:] = max_range

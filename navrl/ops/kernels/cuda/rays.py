@@ -1,7 +1,7 @@
-"""Ray casting, one block of threads a scanner.
+"""Ray casting, one block per scanner.
 
-A thread first finds the faces that one box shows, then all threads go through all faces, each for
-the beams that are its own: no two threads write to the same place, so a scan is the same each time.
+Each thread first finds the visible faces of one box; then all threads process all faces, each for
+its own beams. No two threads write to the same element, so scans are reproducible.
 """
 
 import math
@@ -16,14 +16,14 @@ THREADS = 128
 
 @cuda.jit(device=True)
 def fill(row, value):
-    """Write ``value`` to the beams that are this thread's own."""
+    """Write ``value`` to the beams of this thread."""
     for beam in range(cuda.threadIdx.x, row.shape[0], cuda.blockDim.x):
         row[beam] = value
 
 
 @cuda.jit(device=True)
 def cast_faces(row, cos, sin, faces, counts, num_boxes):
-    """Cast the beams that are this thread's own on the faces listed by all threads.
+    """Cast the beams of this thread against the faces found by all threads.
 
     ``faces`` [boxes, 2, 5] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
     """
@@ -40,7 +40,7 @@ def cast_faces(row, cos, sin, faces, counts, num_boxes):
 
 @block_per_row(THREADS)
 def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, max_range):
-    """Scan each world n: its first ``num_boxes[n]`` rows of ``boxes``; NaN rows are absent."""
+    """Scan the first ``num_boxes[n]`` rows of ``boxes`` of each world n; NaN rows are absent."""
     n, lane, width = cuda.blockIdx.x, cuda.threadIdx.x, cuda.blockDim.x
     faces = cuda.shared.array((THREADS, 2, 5), float64)
     counts = cuda.shared.array(THREADS, int32)
