@@ -11,7 +11,7 @@ def install_hint(extra: str) -> str:
 
 
 def require(extra: str, purpose: str, *modules: str) -> None:
-    """Raise unless the modules of an extra are installed.
+    """Check that the modules of an extra are installed.
 
     Args:
         extra: Name of the extra in pyproject.toml.

@@ -91,7 +91,7 @@ def write_text(file: str | Path, text: str) -> Path:
 
 
 def write_json(file: str | Path, value: object, **options: Any) -> Path:
-    """Write JSON and a newline atomically; ``options`` are those of :func:`json.dumps`."""
+    """Write JSON with a final newline atomically; ``options`` are those of :func:`json.dumps`."""
     return write_text(file, json.dumps(value, **options) + "\n")
 
 

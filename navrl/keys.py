@@ -51,7 +51,7 @@ OUTCOME = "outcome"  # [*B, 1] int64, navrl.envs.Outcome
 CONTACT = "contact"  # [*B, 1] int64, navrl.sim.Contact
 REWARD_TERMS = "reward_terms"  # nested {term: [*B, 1]}, weighted; they sum to the reward
 
-# --- privileged: the true state, never for a lidar policy ----------------------------------------
+# --- privileged (true state, not available to lidar policies) ------------------------------------
 PEDESTRIAN_BOXES = "pedestrian_boxes"  # [*B, K, 5] (cx, cy, hx, hy, yaw), world; NaN where absent
 PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; inf without any
 

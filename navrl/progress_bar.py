@@ -11,7 +11,7 @@ _LOG_INTERVAL_S = 30.0  # each refresh is a line in a file
 
 
 def progress_bar(total: int, unit: str, *, initial: int = 0, enabled: bool = True) -> tqdm:
-    """Return a bar with rates and remaining time on standard error.
+    """Return a progress bar with rate and remaining time on standard error.
 
     Args:
         total: Units at the end.

@@ -36,7 +36,7 @@ _NPZ_ERRORS = (
     NotImplementedError,  # an unknown compression
     RuntimeError,  # an encrypted archive
     OverflowError,
-    SyntaxError,  # an array's header
+    SyntaxError,  # an invalid array header
     zipfile.BadZipFile,
     zlib.error,
 )
@@ -112,7 +112,7 @@ def read_table(file: str | Path, remedy: str, is_log: bool = False) -> list[dict
     A last line without line end is an error, since a killed process or a full disk causes it.
 
     Args:
-        file: What to read.
+        file: File to read.
         remedy: As in :func:`read_text`.
         is_log: Whether a running process may append rows; then such a line is ignored.
 
@@ -131,19 +131,19 @@ def read_table(file: str | Path, remedy: str, is_log: bool = False) -> list[dict
         raise DamagedFileError(file, f"not CSV ({error})", remedy) from error
     for number, row in enumerate(rows, start=1):
         if None in row or None in row.values():
-            raise DamagedFileError(file, f"row {number}: must have a cell a column", remedy)
+            raise DamagedFileError(file, f"row {number}: must have one cell per column", remedy)
     return rows
 
 
 def read_arrays(
     file: str | Path, remedy: str, max_bytes: int = MAX_ARRAY_BYTES
 ) -> dict[str, np.ndarray]:
-    """Read an ``.npz`` file; no pickle is loaded, and checksums are compared.
+    """Read an ``.npz`` file without pickles and with verified checksums.
 
     Declared sizes are compared with the file before memory is allocated.
 
     Args:
-        file: What to read.
+        file: File to read.
         remedy: As in :func:`read_text`.
         max_bytes: Maximum size of all unpacked arrays.
 
@@ -176,7 +176,7 @@ def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> 
 
 def _of_kind(value: object, kind: type, file: str | Path, remedy: str) -> Any:
     if not isinstance(value, kind):
-        reason = f"must hold {_KINDS[kind]}, found {type(value).__name__}"
+        reason = f"must contain {_KINDS[kind]}, found {type(value).__name__}"
         raise DamagedFileError(file, reason, remedy)
     return value
 
@@ -191,7 +191,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
     shape, is_fortran, dtype = read_header(content)
     if dtype.hasobject:
-        raise ValueError(f"{member.filename}: pickled objects are not read")
+        raise ValueError(f"{member.filename}: pickled objects are not supported")
     if math.prod(shape) * dtype.itemsize != len(data) - content.tell():
         raise ValueError(f"{member.filename}: shape {list(shape)} does not match its size")
     array = np.frombuffer(data, dtype, offset=content.tell()).copy()

@@ -1,4 +1,4 @@
-"""Learning algorithms on TorchRL's losses."""
+"""Reinforcement learning algorithms based on TorchRL's losses."""
 
 from navrl.algos.ddpg import DDPG
 from navrl.algos.exploration import GaussianExploration

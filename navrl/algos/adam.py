@@ -1,4 +1,4 @@
-"""Adam for any device, with states that move between devices."""
+"""Adam optimizer with states that can be moved between devices."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-_WAY_OF_STEPPING = ("fused", "foreach", "capturable")  # not what is learned, but how it is computed
+_WAY_OF_STEPPING = ("fused", "foreach", "capturable")  # implementation options, not loaded
 
 
 def adam_optimizer(
@@ -16,11 +16,11 @@ def adam_optimizer(
     """Return torch's Adam.
 
     Args:
-        weights: To optimise.
+        weights: Weights to optimize.
         learning_rate: Step size.
-        fused: Whether one pass over memory does what a dozen would.
-        capturable: Whether a CUDA graph can hold its steps; the learning rate is a tensor then,
-            since the graph would hold a number for ever.
+        fused: Whether to use the fused implementation with a single pass over memory.
+        capturable: Whether steps can be recorded in a CUDA graph; the learning rate is then a
+            tensor, because a graph would freeze a number.
     """
     weights = list(weights)
     rate = torch.tensor(learning_rate, device=weights[0].device) if capturable else learning_rate
@@ -28,7 +28,7 @@ def adam_optimizer(
 
 
 def set_learning_rate(group: dict, value: float) -> None:
-    """Change a parameter group's learning rate, in place if it is a tensor."""
+    """Set the learning rate of a parameter group, in place if it is a tensor."""
     if isinstance(group["lr"], Tensor):
         group["lr"].fill_(value)
     else:
@@ -36,7 +36,7 @@ def set_learning_rate(group: dict, value: float) -> None:
 
 
 def load_adam(optimizer: torch.optim.Adam, state: dict) -> None:
-    """Load a state of Adam, however that one stepped and wherever: this one keeps to its way."""
+    """Load an optimizer state saved by any Adam on any device; own settings are retained."""
     own = [
         {name: group[name] for name in ("lr", *_WAY_OF_STEPPING)}
         for group in optimizer.param_groups

@@ -1,12 +1,11 @@
-"""TorchRL's DDPG and TD3 losses without swapping weights in and out of their networks.
+"""TorchRL's DDPG and TD3 losses with weights bound to network copies once.
 
-TorchRL's losses put each set of weights (online, detached, target) into a network when it is
-called and take it out again, which for the networks here is a tenth of an update, and more for two
-critics. Weights only ever change in place, so a copy of the network for each set, bound to it
-once, does the same.
+TorchRL's losses swap each set of weights (online, detached, target) into a network for every call,
+which takes a tenth of an update for the networks of navrl, and more with two critics. Weights only
+change in place, so one copy of the network per set, bound to its weights once, is equivalent.
 
 A critic with ``encode`` and ``judge`` (:class:`navrl.networks.CriticNetwork`) encodes an
-observation once for both losses: the actor's loss needs no gradient of what the encoder made.
+observation once for both losses, because the actor's loss needs no gradient of the encoder.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ from navrl.keys import ACTION
 
 
 class BoundDDPGLoss(DDPGLoss):
-    """What :class:`torchrl.objectives.DDPGLoss` computes, in less time.
+    """Faster equivalent of :class:`torchrl.objectives.DDPGLoss`.
 
     Args:
-        actor: Module writing ``action``.
-        critic: Module writing ``state_action_value``; both hold one network and call it with the
-            values of their ``in_keys``.
-        loss_function: As TorchRL's.
+        actor: Module that writes ``action``.
+        critic: Module that writes ``state_action_value``. Both modules hold one network, which is
+            called with the values of their ``in_keys``.
+        loss_function: As in TorchRL.
     """
 
     def __init__(
@@ -43,11 +42,11 @@ class BoundDDPGLoss(DDPGLoss):
         self._bound: tuple[TensorDictModule, ...] = ()
 
     def _bind(self) -> tuple[TensorDictModule, ...]:
-        """Return the networks: actor, its target, critic, the critic without gradient, its target.
+        """Return actor, target actor, critic, critic without gradient and target critic.
 
-        At the first call, since TorchRL warns of targets that are asked for before anything that
-        moves them exists; and in a tuple, since a module that is an attribute would have its
-        weights in the ``state_dict`` twice.
+        The networks are bound at the first call, because TorchRL warns about targets that are read
+        before an updater exists. They are stored in a tuple, because modules stored as attributes
+        would add their weights to the ``state_dict`` twice.
         """
         if not self._bound:
             self._bound = (
@@ -60,7 +59,7 @@ class BoundDDPGLoss(DDPGLoss):
         return self._bound
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Return the losses and what they come from; ``td_error`` is written into the batch.
+        """Return the losses and their terms; ``td_error`` is written into the batch.
 
         Args:
             tensordict: ``[B]`` transitions.
@@ -96,14 +95,14 @@ class BoundDDPGLoss(DDPGLoss):
 
 
 class BoundTD3Loss(TD3Loss):
-    """What :class:`torchrl.objectives.TD3Loss` computes, in less time.
+    """Faster equivalent of :class:`torchrl.objectives.TD3Loss`.
 
     Args:
-        actor: As for :class:`BoundDDPGLoss`.
-        critic: As for :class:`BoundDDPGLoss`; two are made of it.
-        loss_function: As TorchRL's.
+        actor: As in :class:`BoundDDPGLoss`.
+        critic: As in :class:`BoundDDPGLoss`; two critics are created from it.
+        loss_function: As in TorchRL.
         target_noise: Standard deviation of the noise on target actions.
-        target_noise_clip: Largest noise.
+        target_noise_clip: Largest absolute noise on target actions.
     """
 
     def __init__(
@@ -121,12 +120,12 @@ class BoundTD3Loss(TD3Loss):
             policy_noise=target_noise,
             noise_clip=target_noise_clip,
             loss_function=loss_function,
-            deactivate_vmap=True,  # autocast does not reach into a vmap on the CPU
+            deactivate_vmap=True,  # autocast has no effect within vmap on the CPU
         )
         self._bound: tuple[TensorDictModule, ...] = ()
 
     def _bind(self) -> tuple[TensorDictModule, ...]:
-        """Return actor, its target, both critics, the first one without gradient, both targets."""
+        """Return actor, target actor, both critics, critic without gradient, target critics."""
         if not self._bound:
             online, target = self.qvalue_network_params, self.target_qvalue_network_params
             frozen = online.detach()
@@ -139,21 +138,21 @@ class BoundTD3Loss(TD3Loss):
             critics = self._bound[2:4]
             slots = zip(*(_slots(critic, online) for critic in critics), strict=True)
             self._slots = [(first[:2], second[:2], first[2]) for first, second in slots]
-        # Gradients of both critics reach the one tensor that holds their weights together.
+        # Weights are views, so gradients of both critics reach the stacked tensor of their weights.
         for *slots, weights in self._slots:
             for (store, name), weight in zip(slots, weights.unbind(0), strict=True):
                 store[name] = weight
         return self._bound
 
     def forward(self, tensordict: TensorDictBase, with_actor: bool = True) -> TensorDictBase:
-        """Return the losses and what they come from; ``td_error`` is written into the batch.
+        """Return the losses and their terms; ``td_error`` is written into the batch.
 
         Args:
             tensordict: ``[B]`` transitions.
-            with_actor: Whether the actor's loss is asked for.
+            with_actor: Whether to compute the actor's loss.
 
         Returns:
-            Scalars ``loss_qvalue`` and, if asked for, ``loss_actor``; ``pred_value`` ``[2, B]`` and
+            Scalars ``loss_qvalue`` and, if requested, ``loss_actor``; ``pred_value`` ``[2, B]`` and
             ``target_value`` ``[B]``.
         """
         actor, target_actor, first, second, frozen, *targets = self._bind()
@@ -194,8 +193,8 @@ class BoundTD3Loss(TD3Loss):
 
 
 def _bind(network: TensorDictModule, params: TensorDictParams | TensorDictBase) -> TensorDictModule:
-    """Return a copy of a network that holds these very weights, for good."""
-    # All is copied but the tensors, which stand in for weights and are about to be replaced.
+    """Return a copy of a network that shares the given weights permanently."""
+    # Tensors are not copied, because they are placeholders that are replaced by the weights.
     tensors = [*network.parameters(), *network.buffers()]
     network = deepcopy(network, {id(tensor): tensor for tensor in tensors})
     params.to_module(network)
@@ -207,7 +206,7 @@ def _call(network: TensorDictModule, tensordict: TensorDictBase) -> Tensor:
 
 
 def _encode(critic: TensorDictModule, tensordict: TensorDictBase) -> tuple[Tensor, ...]:
-    """Return what a critic makes of an observation before it sees an action."""
+    """Return the part of a critic's input that does not depend on the action."""
     inputs = [tensordict.get(key) for key in critic.in_keys if key != ACTION]
     network = critic.module
     return (network.encode(*inputs),) if hasattr(network, "encode") else tuple(inputs)
@@ -224,7 +223,7 @@ def _judge(critic: TensorDictModule, encoded: tuple[Tensor, ...], action: Tensor
 def _slots(
     network: TensorDictModule, params: TensorDictParams
 ) -> Iterator[tuple[dict[str, Tensor], str, Tensor]]:
-    """Yield where a network keeps each of its weights and buffers, its name and the stack of it."""
+    """Yield container, name and stacked tensor of each weight and buffer of a network."""
     for path, module in network.named_modules():
         for store in (module._parameters, module._buffers):
             for name in list(store):

@@ -1,4 +1,4 @@
-"""Updates recorded once as CUDA graphs and replayed: one launch in place of some hundred."""
+"""Updates recorded as CUDA graphs and replayed with one launch instead of some hundred."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Gradients = Callable[[TensorDictBase], dict[str, Tensor]]
 
 
 class Move(NamedTuple):
-    """What an update moves once its gradients are there.
+    """Optimizers and targets that an update changes after its gradients are computed.
 
     Args:
-        optimizers: Those that step; fused, capturable, with learning rates in tensors.
-        moves_targets: Whether the targets follow.
+        optimizers: Optimizers that step; fused, capturable, with learning rates in tensors.
+        moves_targets: Whether the target weights are updated.
     """
 
     optimizers: tuple[torch.optim.Adam, ...]
@@ -25,30 +25,30 @@ class Move(NamedTuple):
 
 
 class CapturedUpdates:
-    """Replay gradients, optimiser steps and target updates without asking the host.
+    """Replay gradients, optimizer steps and target updates without host synchronization.
 
-    A small network's update on a GPU takes less time than launching its operations one by one. The
-    first updates run as usual, so that libraries and optimisers make what they need; then one of
-    each kind (:class:`Move`) is recorded. Batches are copied to where recordings read them many at
-    a time, and a counter on the device tells a recording which one is its turn, so that an update
+    The update of a small network on a GPU takes less time than the launch of its operations. The
+    first updates run eagerly, so that libraries and optimizers allocate their state; then one
+    update of each kind (:class:`Move`) is recorded. Many batches at a time are copied to the input
+    memory of the recordings, and a counter on the device selects the current one, so that an update
     costs the host a single launch.
 
-    The host would have to wait to see whether an update is finite. Here the device sees for itself:
-    from the first that is not, no weight changes and neither batch nor scalars are overwritten,
-    until :meth:`failure` hands them over, some updates later.
+    Whether an update is finite is tested on the device, because a test on the host would
+    synchronize. From the first non-finite update on, no weight changes and neither batch nor
+    scalars are overwritten, until :meth:`failure` returns them some updates later.
 
     Args:
-        gradients: From a batch to detached scalars; leaves clipped gradients in the weights.
-        due: What the present update moves; asked before each.
-        optimizers: All there are.
-        weights: Online weights, and
-        targets: those that follow them, in the same order.
-        tau: Share of the online weights that enters the targets.
-        num_eager: Updates before the recordings; all of them, if the device is the CPU.
-        num_rows: Batches that are copied at a time.
+        gradients: Maps a batch to detached scalars; leaves clipped gradients in the weights.
+        due: Returns the :class:`Move` of the current update; called before each update.
+        optimizers: All optimizers.
+        weights: Online weights.
+        targets: Target weights in the same order.
+        tau: Share of the online weights in the soft update of the targets.
+        num_eager: Number of updates before the recordings; on the CPU all updates are eager.
+        num_rows: Number of batches copied at a time.
 
     Raises:
-        ValueError: Later, if a batch is not of the first one's shape.
+        ValueError: If a later batch differs in shape or dtype from the first one.
     """
 
     def __init__(
@@ -69,15 +69,15 @@ class CapturedUpdates:
         self._on_cuda = self.device.type == "cuda"
         self._failed = torch.zeros((), device=self.device)  # 1 from the first failure on
         for optimizer in optimizers:
-            optimizer.found_inf = self._failed  # a fused step with this at 1 changes nothing
+            optimizer.found_inf = self._failed  # at 1, a fused step does not change weights
         self._row = torch.zeros(1, dtype=torch.int64, device=self.device)  # of the next batch
-        self._seen = torch.zeros((), pin_memory=self._on_cuda)  # the flag as the host last saw it
-        self._event: torch.cuda.Event | None = None  # of the flag's copy under way
+        self._seen = torch.zeros((), pin_memory=self._on_cuda)  # host copy of the flag
+        self._event: torch.cuda.Event | None = None  # end of the current copy of the flag
         self._is_told = False
         self.reset()
 
     def reset(self) -> None:
-        """Forget the recordings, since tensors that they read have been replaced."""
+        """Discard the recordings, because tensors that they read have been replaced."""
         self._graphs: dict[Move, torch.cuda.CUDAGraph] = {}
         self._batches: TensorDictBase | None = None
         self._names: list[str] = []
@@ -87,7 +87,7 @@ class CapturedUpdates:
 
     @property
     def is_recorded(self) -> bool:
-        """Whether updates are replayed by now."""
+        """Whether updates are replayed from a recording."""
         return bool(self._graphs)
 
     def __call__(
@@ -97,10 +97,13 @@ class CapturedUpdates:
 
         Args:
             batches: K batches.
-            after_each: Called when an update is on its way, before the next is asked for.
+            after_each: Called after the launch of each update.
 
         Returns:
-            Detached sums of the updates' scalars, in memory of their own.
+            Detached sums of the scalars of the updates, copied.
+
+        Raises:
+            ValueError: If the batches differ in shape or dtype from the first ones.
         """
         if self._sums is not None:
             self._sums.zero_()
@@ -113,10 +116,11 @@ class CapturedUpdates:
         return dict(zip(self._names, self._sums.clone().unbind(), strict=True))
 
     def failure(self, wait: bool = False) -> tuple[dict[str, Tensor], TensorDictBase] | None:
-        """Return scalars and batch of the first update that was not finite, once.
+        """Return scalars and batch of the first non-finite update; None afterwards.
 
         Args:
-            wait: Whether to wait for the device; if not, it may be told some updates later.
+            wait: Whether to wait for the device; otherwise the failure may be reported some updates
+                later.
         """
         if wait:
             self._seen.copy_(self._failed)
@@ -135,16 +139,16 @@ class CapturedUpdates:
         else:
             if move not in self._graphs:
                 graph = torch.cuda.CUDAGraph()
-                with torch.cuda.graph(graph):  # which computes nothing
+                with torch.cuda.graph(graph):  # records without computing
                     self._update(move)
                 self._graphs[move] = graph
             self._graphs[move].replay()
         self._num_updates += 1
 
-    # --- what is recorded ------------------------------------------------------------------------
+    # --- recorded operations ---------------------------------------------------------------------
 
     def _batch(self) -> TensorDictBase:
-        """Return a copy of the batch whose turn it is."""
+        """Return a copy of the current batch."""
 
         def chosen(rows: Tensor) -> Tensor:
             return rows.index_select(0, self._row).squeeze(0)
@@ -168,10 +172,10 @@ class CapturedUpdates:
             torch._foreach_add_(self._targets, way)
         self._row.add_((self._failed == 0).long())
 
-    # --- around it -------------------------------------------------------------------------------
+    # --- eager operations ------------------------------------------------------------------------
 
     def _take(self, batches: TensorDictBase) -> None:
-        """Copy batches to where recordings read them, unless a failed one is kept there."""
+        """Copy batches to the input memory of the recordings, unless it holds a failed batch."""
         if self._batches is None:
             rows = torch.arange(self._num_rows) % len(batches)
             self._batches = batches.to(self.device)[rows.to(self.device)].clone()
@@ -179,7 +183,7 @@ class CapturedUpdates:
             fresh = batches.get(key)
             if fresh.shape[1:] != kept.shape[1:] or fresh.dtype != kept.dtype:
                 raise ValueError(
-                    f"cuda_graph=True: batches must be alike; {key!r} was {list(kept.shape[1:])} "
+                    f"cuda_graph=True: batches must be alike, {key!r} was {list(kept.shape[1:])} "
                     f"{kept.dtype}, got {list(fresh.shape[1:])} {fresh.dtype}"
                 )
             kept = kept[: len(fresh)]
@@ -187,7 +191,7 @@ class CapturedUpdates:
         self._row.mul_((self._failed > 0).long())
 
     def _update_aside(self, move: Move) -> None:
-        """Update on a stream of its own, as torch wants it before a recording."""
+        """Update on a side stream, which torch requires before a recording."""
         stream, current = torch.cuda.Stream(self.device), torch.cuda.current_stream(self.device)
         stream.wait_stream(current)
         with torch.cuda.stream(stream):
@@ -195,7 +199,7 @@ class CapturedUpdates:
         current.wait_stream(stream)
 
     def _look(self) -> None:
-        """Fetch the flag in the background, if the last copy of it has arrived."""
+        """Start an asynchronous copy of the failure flag, if the last one has completed."""
         if self._event is None or self._event.query():
             self._seen.copy_(self._failed, non_blocking=True)
             if self._on_cuda:

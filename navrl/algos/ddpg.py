@@ -1,4 +1,4 @@
-"""Deep deterministic policy gradient behind ``update(batch)``."""
+"""Deep deterministic policy gradient (DDPG)."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from navrl.algos.protocols import NonFiniteUpdateError
 
 
 class DDPG:
-    """TorchRL's DDPG loss, its two optimisers and the soft target update.
+    """DDPG with TorchRL's loss, two Adam optimizers and a soft target update.
 
     Args:
-        actor: Module writing ``action`` in [-1, 1].
-        critic: Module writing ``state_action_value`` from ``action`` and the observation.
+        actor: Module that writes ``action`` in [-1, 1].
+        critic: Module that writes ``state_action_value`` from ``action`` and the observation.
         gamma: Discount factor per step.
         actor_learning_rate: Adam step size of the actor.
         critic_learning_rate: Adam step size of the critic.
-        final_learning_rate_scale: Both rates fall linearly to this multiple by the end of the
-            training; see :meth:`anneal`.
-        tau: Share of the online weights that enters the target weights after each update.
+        final_learning_rate_scale: Both rates decrease linearly to this multiple until the end of
+            the training; see :meth:`anneal`.
+        tau: Share of the online weights in the soft target update after each update.
         max_gradient_norm: Gradients of each network are clipped to this norm.
         loss_function: ``"l2"`` or ``"smooth_l1"`` on the temporal difference.
-        precision: ``"float32"``; ``"bfloat16"`` to run the matrix products under autocast;
-            ``"tfloat32"`` to round only what goes into them, which a GPU does on the way and a CPU
-            does not; or ``"auto"`` for the fastest, see :class:`navrl.algos.precision.Precision`.
-        fused_optimizer: Whether Adam does one pass over memory instead of a dozen.
+        precision: ``"float32"``; ``"bfloat16"`` to run matrix products under autocast;
+            ``"tfloat32"`` to round only their inputs, supported by GPUs but not by CPUs; or
+            ``"auto"`` for the fastest, see :class:`navrl.algos.precision.Precision`.
+        fused_optimizer: Whether Adam uses a single pass over memory instead of a dozen.
         cuda_graph: Whether updates are recorded as CUDA graphs and replayed; see
-            :class:`navrl.algos.cuda_graph.CapturedUpdates`. Networks must be on a CUDA device. An
-            update that is not finite is told some updates later, all of which change nothing.
+            :class:`navrl.algos.cuda_graph.CapturedUpdates`. Networks must be on a CUDA device. A
+            non-finite update is reported a few updates later; weights are not modified in between.
 
     Raises:
         ValueError: If an argument is out of range, or ``cuda_graph`` is not possible.
 
     Reference:
-        Paper Sec. IV-B and V-A: gamma 0.98, learning rates 1e-4. Both target networks are delayed
-        (Lillicrap et al., 2016); the paper leaves tau, the loss and clipping open.
+        Paper Sec. IV-B and V-A: gamma 0.98, learning rates 1e-4. Both networks have targets
+        (Lillicrap et al., 2016); the paper does not give tau, the loss function and clipping.
     """
 
     _critic_name = "value_network"
@@ -111,7 +111,7 @@ class DDPG:
         device = self._actor_weights[0].device
         if cuda_graph and device.type != "cuda":
             raise ValueError(
-                f"cuda_graph=True: needs the networks on a CUDA device, they are on {device}; "
+                f"cuda_graph=True: needs the networks on a CUDA device, but they are on {device}; "
                 "set device=cuda, or cuda_graph=False"
             )
         if cuda_graph and not fused_optimizer:
@@ -135,15 +135,15 @@ class DDPG:
         ]
 
     def _move_targets(self) -> None:
-        # What SoftUpdate.step() does, without its walks through trees of tensors.
+        # Equivalent to SoftUpdate.step() without its traversal of nested tensors.
         torch._foreach_lerp_(self._targets, self._online, 1 - self.target_update.eps)
 
     def anneal(self, share_done: float) -> None:
         """Scale both learning rates linearly from 1 to ``final_learning_rate_scale``.
 
         Args:
-            share_done: Share of the training that is done, in [0, 1]. A function of the trainer's
-                counters, so that a resumed run goes on exactly.
+            share_done: Completed share of the training, in [0, 1]. It depends only on the trainer's
+                counters, so a resumed run continues exactly.
         """
         scale = 1 + min(share_done, 1.0) * (self._final_scale - 1)
         for optimizer, initial in self._optimizers:
@@ -151,16 +151,16 @@ class DDPG:
                 set_learning_rate(group, initial * scale)
 
     def update(self, batch: TensorDictBase) -> dict[str, Tensor]:
-        """Take one gradient step on both networks and move the targets.
+        """Take one gradient step on both networks and update the targets.
 
         Args:
-            batch: ``[B]`` transitions; ``td_error`` is written into it, but by recorded updates.
+            batch: ``[B]`` transitions; ``td_error`` is written into it, except with ``cuda_graph``.
 
         Returns:
             Detached scalars: losses, mean value and target, gradient norms before clipping.
 
         Raises:
-            NonFiniteUpdateError: If one of them is NaN or infinite; no weight has changed then.
+            NonFiniteUpdateError: If a scalar is NaN or infinite; no weight has changed.
         """
         if self._captured is not None:
             return self.update_from_each(batch.unsqueeze(0))
@@ -176,7 +176,7 @@ class DDPG:
         return scalars
 
     def update_from_each(self, batches: TensorDictBase) -> dict[str, Tensor]:
-        """Take as many steps as there are batches, which a GPU does with less asking.
+        """Take one gradient step per batch, with less host synchronization on a GPU.
 
         Args:
             batches: ``[K, B]`` transitions.
@@ -185,7 +185,7 @@ class DDPG:
             Sums over the steps of the scalars of :meth:`update`.
 
         Raises:
-            NonFiniteUpdateError: As :meth:`update`; later steps are not taken.
+            NonFiniteUpdateError: If a scalar is NaN or infinite; the remaining steps are not taken.
         """
         if self._captured is not None:
             self._check_captured()
@@ -197,11 +197,11 @@ class DDPG:
         return sums
 
     def _due(self) -> Move:
-        """Return what the present update moves."""
+        """Return the optimizers and targets that the current update changes."""
         return Move((self.actor_optimizer, self.critic_optimizer), moves_targets=True)
 
     def _count(self) -> None:
-        """Take note that an update is done, or on its way."""
+        """Count an update that has been launched."""
 
     def _check_captured(self, wait: bool = False) -> None:
         failure = self._captured.failure(wait)
@@ -209,12 +209,12 @@ class DDPG:
             raise NonFiniteUpdateError(*failure)
 
     def _gradients(self, batch: TensorDictBase) -> dict[str, Tensor]:
-        """Leave clipped gradients in the weights; return the update's scalars."""
+        """Write clipped gradients to the weights; return the scalars of the update."""
         with self.precision.rounding():
             terms = self._losses(batch)
             self.actor_optimizer.zero_grad(set_to_none=True)
             self.critic_optimizer.zero_grad(set_to_none=True)
-            # Only the two losses: what else is returned is not detached.
+            # Only the two losses, because the other returned terms are not detached.
             (terms["loss_actor"] + terms["loss_value"]).backward()
         actor_norm, critic_norm = map(self._clip, (self._actor_weights, self._critic_weights))
         scalars = {
@@ -228,7 +228,7 @@ class DDPG:
         return {name: value.detach().float() for name, value in scalars.items()}
 
     def _clip(self, weights: list[Tensor]) -> Tensor:
-        """Clip gradients, if there are any; return their norm before, on the weights' device."""
+        """Clip gradients, if present; return their norm before clipping."""
         if weights[0].grad is None:
             return weights[0].new_zeros(())
         return torch.nn.utils.clip_grad_norm_(weights, self.max_gradient_norm)
@@ -239,10 +239,11 @@ class DDPG:
             return self.loss(batch)
 
     def state_dict(self) -> dict:
-        """Return weights, target weights and optimiser states.
+        """Return weights, target weights and optimizer states.
 
         Raises:
-            NonFiniteUpdateError: If a recorded update before was not finite, and nothing told it.
+            NonFiniteUpdateError: If an earlier recorded update was not finite and has not been
+                reported yet.
         """
         if self._captured is not None:
             self._check_captured(wait=True)
@@ -253,10 +254,10 @@ class DDPG:
         }
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore a copy of what :meth:`state_dict` returned, from any device to this one."""
-        # Optimizers keep the tensors they are given; a copy keeps two learners apart.
+        """Restore a copy of a state of :meth:`state_dict`, saved on any device."""
+        # Copied, because optimizers store the given tensors and would share them between learners.
         state = deepcopy(state)
-        self.loss.load_state_dict(state["loss"])  # in place: optimizers and targets hold on to it
+        self.loss.load_state_dict(state["loss"])  # in place: optimizers and targets reference it
         load_adam(self.actor_optimizer, state["actor_optimizer"])
         load_adam(self.critic_optimizer, state["critic_optimizer"])
         if self._captured is not None:

@@ -1,4 +1,4 @@
-"""Exploration noise, and its schedule."""
+"""Exploration noise and its schedule."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from navrl import keys
 
 
 class GaussianExploration:
-    """Gaussian noise on normalised actions, annealed linearly over frames.
+    """Gaussian noise on normalized actions, annealed linearly over frames.
 
-    What TorchRL's :class:`AdditiveGaussianModule` does, on any device and without waiting for it.
-    Its schedule loops in Python once per frame; here the scale is set directly from the frame
-    count, so it is also exact after a resume.
+    Equivalent to TorchRL's :class:`AdditiveGaussianModule`, on any device and without host
+    synchronization. TorchRL's schedule loops in Python once per frame; this one computes the scale
+    from the frame count, so it is also exact after a resume.
 
     Args:
-        sigma_initial: Noise scale at the first frame, in normalised units.
+        sigma_initial: Noise scale at the first frame, in normalized units.
         sigma_final: Noise scale from ``annealing_frames`` on.
         annealing_frames: Frames over which the scale moves from the first to the second.
         std: Standard deviation of each action dimension, or one number for all of them, multiplied
@@ -29,8 +29,9 @@ class GaussianExploration:
         ValueError: If a scale or deviation is negative, or ``annealing_frames`` is not positive.
 
     Reference:
-        The paper names no noise. The authors' precursor uses an Ornstein-Uhlenbeck process with a
-        stationary deviation of about 0.23; independent Gaussian noise is the simpler usual choice.
+        The paper does not specify the noise. The authors' precursor uses an Ornstein-Uhlenbeck
+        process with a stationary deviation of about 0.23; independent Gaussian noise is simpler and
+        more common.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class GaussianExploration:
         return self.sigma_initial + share * (self.sigma_final - self.sigma_initial)
 
     def __call__(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
-        """Add noise to ``action`` in place and clip it to [-1, 1], if exploring is on."""
+        """Add noise to ``action`` in place and clip it to [-1, 1], if exploration is enabled."""
         if exploration_type() not in (ExplorationType.RANDOM, None):
             return tensordict
         action = tensordict.get(keys.ACTION).detach()

@@ -1,4 +1,4 @@
-"""Number formats of an update's matrix products; weights, targets and optimisers stay float32."""
+"""Precision of the matrix products of an update; weights and optimizers remain float32."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import torch
 
 PRECISIONS = ("auto", "bfloat16", "float32", "tfloat32")
 
-_BFLOAT16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16", "bf16")  # of x86, x86 and ARM
+_BFLOAT16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16", "bf16")  # x86, x86 and ARM
 
 
 def choose_precision(device: torch.device) -> str:
-    """Return the precision that updates are fastest in.
+    """Return the precision with the fastest updates on a device.
 
-    A GPU rounds what it multiplies on the way in. A CPU with instructions for bfloat16 takes half
-    the time with it; any other has to emulate it, which takes nine times as long as float32.
+    A GPU rounds the inputs of products in hardware. A CPU with bfloat16 instructions halves the
+    time of float32; other CPUs emulate bfloat16, which takes nine times as long as float32.
     """
     if device.type == "cuda":
         return "tfloat32"
@@ -27,14 +27,14 @@ def choose_precision(device: torch.device) -> str:
 
 
 class Precision:
-    """A number format and the two contexts that bring it about.
+    """Number format of matrix products and the two contexts that select it.
 
     Args:
-        name: One of :data:`PRECISIONS`; ``"auto"`` takes what :func:`choose_precision` says.
-        device: That networks are on.
+        name: One of :data:`PRECISIONS`; ``"auto"`` uses :func:`choose_precision`.
+        device: Device of the networks.
 
     Raises:
-        ValueError: If ``name`` is another.
+        ValueError: If ``name`` is unknown.
     """
 
     def __init__(self, name: str, device: torch.device) -> None:
@@ -45,7 +45,7 @@ class Precision:
 
     @contextmanager
     def rounding(self) -> Iterator[None]:
-        """Let a GPU round what it multiplies, forward and backward, if that is asked for."""
+        """Enable TensorFloat32 products, forward and backward, if selected."""
         before = torch.get_float32_matmul_precision()
         if self.name == "tfloat32":
             torch.set_float32_matmul_precision("high")
@@ -55,5 +55,5 @@ class Precision:
             torch.set_float32_matmul_precision(before)
 
     def autocast(self) -> torch.autocast:
-        """Return the context of losses, whose gradients then come in the same format."""
+        """Return the autocast context of the losses, which also sets the format of gradients."""
         return torch.autocast(self._device.type, torch.bfloat16, enabled=self.name == "bfloat16")

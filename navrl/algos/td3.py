@@ -1,4 +1,4 @@
-"""Twin delayed deep deterministic policy gradient: DDPG that trusts the lower of two values."""
+"""Twin delayed deep deterministic policy gradient (TD3)."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from navrl.algos.ddpg import DDPG
 
 
 class TD3(DDPG):
-    """TorchRL's TD3 loss behind the interface of :class:`navrl.algos.DDPG`.
+    """TD3 with TorchRL's loss and the interface of :class:`navrl.algos.DDPG`.
 
-    Two critics learn from the lower of their two target values, taken at a target action with
-    noise; actor and targets move once in ``actor_delay`` updates.
+    Two critics learn from the lower of their two target values at a target action with noise; actor
+    and targets are updated once in ``actor_delay`` updates.
 
     Args:
-        actor: As for DDPG.
-        critic: As for DDPG; the second one starts from weights of the same range.
-        target_noise: Standard deviation of the noise on target actions, normalised units.
-        target_noise_clip: Largest noise, normalised units.
-        actor_delay: Updates of the critics an update of the actor.
-        **options: Those of DDPG.
+        actor: As in DDPG.
+        critic: As in DDPG; the second critic is initialized with weights of the same range.
+        target_noise: Standard deviation of the noise on target actions, normalized units.
+        target_noise_clip: Largest absolute noise, normalized units.
+        actor_delay: Number of critic updates per actor update.
+        **options: Other arguments of DDPG.
 
     Raises:
         ValueError: If an argument is out of range.
@@ -55,7 +55,7 @@ class TD3(DDPG):
         self.actor_delay = actor_delay
         self.num_updates = 0
         super().__init__(actor, critic, **options)
-        # Between the actor's updates its last loss stands in the log; in one place, for recordings.
+        # The last actor loss, logged between actor updates; one tensor, so recordings can read it.
         self._loss_actor = torch.zeros((), device=self._actor_weights[0].device)
 
     def _make_loss(
@@ -88,10 +88,10 @@ class TD3(DDPG):
         self.num_updates += 1
 
     def state_dict(self) -> dict:
-        """Return weights, target weights, optimiser states and the number of updates."""
+        """Return weights, target weights, optimizer states and the number of updates."""
         return {**super().state_dict(), "num_updates": self.num_updates}
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore a copy of what :meth:`state_dict` returned, from any device to this one."""
+        """Restore a copy of a state of :meth:`state_dict`, saved on any device."""
         super().load_state_dict(state)
         self.num_updates = state["num_updates"]

@@ -13,19 +13,19 @@ from navrl.training import Collector, Replay
 from navrl.training.collectors import Phases
 
 MakeSource = Callable[[int], tuple[Collector, Replay]]
-"""From a number of workers, 0 for this process itself, to a collector and an empty replay."""
+"""Maps a number of workers (0 for this process) to a collector and an empty replay."""
 
 
 def worker_rows(make: MakeSource, workers: Sequence[int], budget: Budget) -> list[Row]:
-    """Measure collection alone: worlds are stepped, transitions written, nothing is learned.
+    """Measure collection without learning: worlds are stepped and transitions written.
 
     Also measured is the rate at which the receiving process stores frames without waiting, the
     upper bound for any number of workers.
 
     Args:
-        make: Builds what is measured.
+        make: Builds collector and replay.
         workers: Numbers of workers, increasing.
-        budget: How long and how often.
+        budget: Duration and number of measurements.
     """
     direct, _ = frame_rates(*make(0), budget)
     rows = [Row("workers.direct", "collection in this process, one core", "/s", direct)]
@@ -40,22 +40,22 @@ def worker_rows(make: MakeSource, workers: Sequence[int], budget: Budget) -> lis
 def frame_rates(
     collector: Collector, replay: Replay, budget: Budget
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Collect for a while; the collector is closed in the end.
+    """Measure the frame rates of a collector, which is closed afterwards.
 
     Args:
-        collector: Not started yet.
-        replay: Where the transitions go.
-        budget: How long and how often.
+        collector: Collector that has not been started.
+        replay: Replay buffer of the transitions.
+        budget: Duration and number of measurements.
 
     Returns:
-        Frames a second that arrived, and frames a second of the time that was not spent waiting;
+        Received frames per second, and received frames per second excluding waiting time;
         ``[repeats]`` each.
     """
     arrived, taken_in, frames = [], [], 0
     with threads(1):
         try:
             collector.start(0, max_dynamic=8)
-            _collect(collector, replay, 4 * budget.seconds, frames)  # unmeasured: all is warm
+            _collect(collector, replay, 4 * budget.seconds, frames)  # warm-up, not measured
             for _ in range(budget.repeats):
                 count, seconds, waited = _collect(collector, replay, budget.seconds, frames)
                 frames += count
@@ -69,7 +69,7 @@ def frame_rates(
 def _collect(
     collector: Collector, replay: Replay, least_s: float, frames: int
 ) -> tuple[int, float, float]:
-    """Return frames, seconds, and seconds of them spent waiting."""
+    """Return frames, seconds, and the part of the seconds spent waiting."""
     phases, count, start = Phases(), 0, time.perf_counter()
     while (seconds := time.perf_counter() - start) < least_s or not count:
         stream, stepped = collector.step(frames + count, phases)

@@ -18,10 +18,10 @@ from navrl.benchmarks.scenes import clutter
 from navrl.benchmarks.stepping import RandomDrive
 from navrl.sim import Simulator
 
-NUM_UNMEASURED = 5  # updates, in which a recording is made
-AT_A_TIME = 64  # updates that a training asks for in one call
-NUM_ROOMS = 64  # that differ; worlds beyond repeat them
-EPISODES, STEPS_PER_EPISODE = 300_000, 90  # paper Sec. V-A, and what an episode takes on average
+NUM_UNMEASURED = 5  # warm-up updates, which include the recording of CUDA graphs
+AT_A_TIME = 64  # updates per call, as in a training
+NUM_ROOMS = 64  # distinct rooms; further worlds repeat them
+EPISODES, STEPS_PER_EPISODE = 300_000, 90  # paper Sec. V-A; average length of an episode
 
 
 def gpu_rows(
@@ -35,12 +35,12 @@ def gpu_rows(
     """Measure a GPU; closes the environment.
 
     Args:
-        simulator: On the GPU; its scans alone are measured.
-        env: On the GPU with all transforms; complete steps, resets included.
-        learners: On the GPU, by what is special about them; the last is held to the bar.
-        batch: What they update from.
-        frames_per_s: Of a training with all of this, as its log has it.
-        budget: How much to measure.
+        simulator: Simulator on the GPU, for scans.
+        env: Environment on the GPU with all transforms, for complete steps including resets.
+        learners: Learners on the GPU by distinguishing feature; the target is set for the last.
+        batch: Batch of transitions for updates.
+        frames_per_s: Logged frame rates of a training on the GPU.
+        budget: Duration and number of measurements.
     """
     rooms = clutter(min(NUM_ROOMS, simulator.num_worlds), NUM_BOXES)
     rooms = rooms[torch.arange(simulator.num_worlds) % len(rooms)]

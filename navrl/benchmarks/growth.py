@@ -15,7 +15,7 @@ def fit_exponents(sizes: Sequence[float], costs: np.ndarray) -> np.ndarray:
         costs: ``[..., n]``, positive.
 
     Returns:
-        ``[...]`` the exponents b; 1 is linear growth.
+        ``[...]``, exponents b; 1 for linear growth.
 
     Raises:
         ValueError: If there are fewer than two sizes, or a number is not positive.
@@ -27,6 +27,6 @@ def fit_exponents(sizes: Sequence[float], costs: np.ndarray) -> np.ndarray:
             f"got {sizes.tolist()} and costs of shape {list(costs.shape)}"
         )
     if not (sizes > 0).all() or not (costs > 0).all():
-        raise ValueError("sizes and costs must be positive")
+        raise ValueError("sizes, costs: must be positive")
     x = np.log(sizes) - np.log(sizes).mean()
     return np.log(costs) @ x / (x @ x)

@@ -18,11 +18,11 @@ _NUM_WARM_UP = 20
 
 
 def record_drive(env: NavigationEnv, num_scans: int) -> list[dict[str, np.ndarray]]:
-    """Return the scan, pose and path of every step of a random drive of one robot.
+    """Record scan, pose and path of every step of one robot with random actions.
 
     Args:
-        env: One world, without transforms.
-        num_scans: Steps to record.
+        env: Environment with one world and without transforms.
+        num_scans: Number of steps.
     """
     generator = torch.Generator().manual_seed(0)
     low, high = env.action_spec.space.low, env.action_spec.space.high
@@ -38,12 +38,12 @@ def record_drive(env: NavigationEnv, num_scans: int) -> list[dict[str, np.ndarra
 def latency_rows(
     runner: PolicyRunner, drive: list[dict[str, np.ndarray]], repeats: int
 ) -> list[Row]:
-    """Measure each scan of a drive, from arrays to the command, on one core.
+    """Measure the time from arrays to the command for each scan of a drive, on one core.
 
     Args:
-        runner: What acts.
-        drive: What the robot senses.
-        repeats: Times that the drive is played.
+        runner: Policy runner.
+        drive: Recorded inputs of :func:`record_drive`.
+        repeats: Number of repetitions of the drive.
     """
     with threads(1), frozen_objects():
         for sensed in drive[:_NUM_WARM_UP]:

@@ -16,16 +16,16 @@ from navrl.benchmarks.measurement import Budget, Task, alternate
 from navrl.benchmarks.results import Bar, Row
 
 MakeLearner = Callable[..., DDPG]
-"""From ``precision`` and ``device`` to a learner with fresh weights."""
+"""Maps ``precision`` and ``device`` to a learner with new weights."""
 
 DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16}
-ROWS_PER_SAMPLE, WIDTH_IN, WIDTH_OUT = 30, 256, 128  # of the paper's dominant layer
+ROWS_PER_SAMPLE, WIDTH_IN, WIDTH_OUT = 30, 256, 128  # dominant layer of the paper's networks
 
 
 def random_transitions(
     shapes: Mapping[str, Sequence[int]], batch_size: int, device: str = "cpu"
 ) -> TensorDictBase:
-    """Return transitions as the replay gives them, with uniform numbers for observations."""
+    """Return transitions in the format of the replay, with uniformly random observations."""
     generator = torch.Generator().manual_seed(0)
 
     def uniform(*shape: int) -> Tensor:
@@ -48,7 +48,7 @@ def count_flops(learner: DDPG, batch: TensorDictBase, textbook: bool = True) -> 
     """Return the floating-point operations of the matrix products of one update.
 
     Args:
-        learner: With networks in float32.
+        learner: Learner with networks in float32.
         batch: Transitions.
         textbook: Whether to count the operations of TorchRL's loss instead of those of this
             learner.
@@ -77,7 +77,7 @@ class _OneModule:
 
 
 def update_task(learner: DDPG, batch: TensorDictBase, num_threads: int, at_a_time: int = 1) -> Task:
-    """Return a task whose unit is one update; more at a time are asked for in one call."""
+    """Return a task whose unit is one update, with ``at_a_time`` updates per call."""
     batches = batch.expand(at_a_time, *batch.shape)
 
     def update() -> int:
@@ -92,7 +92,7 @@ def update_task(learner: DDPG, batch: TensorDictBase, num_threads: int, at_a_tim
 
 
 def product_task(dtype: torch.dtype, batch_size: int, num_threads: int, device: str) -> Task:
-    """Return a task whose unit is one matrix product of the dominant layer's shape."""
+    """Return a task whose unit is one matrix product with the shape of the dominant layer."""
     rows = ROWS_PER_SAMPLE * batch_size
     left = torch.randn(rows, WIDTH_IN, device=device).to(dtype)
     right = torch.randn(WIDTH_IN, WIDTH_OUT, device=device).to(dtype)
@@ -116,15 +116,15 @@ def update_rows(
     cores: int,
     device: str = "cpu",
 ) -> list[Row]:
-    """Measure updates and the ceiling, in float32 and in bfloat16.
+    """Measure updates and their upper bound in float32 and bfloat16.
 
     Args:
-        make: Makes the learner.
+        make: Builds the learner.
         shapes: Feature shape of every key that the networks read.
-        batch_size: Transitions an update.
-        chosen: Precision that the configuration trains in; the bar is on this one.
-        budget: How much to measure.
-        cores: Threads.
+        batch_size: Transitions per update.
+        chosen: Precision of the training configuration, for which the target is set.
+        budget: Duration and number of measurements.
+        cores: Number of threads.
         device: ``cpu`` or ``cuda``.
     """
     batch = random_transitions(shapes, batch_size, device)

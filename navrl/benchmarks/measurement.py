@@ -39,9 +39,9 @@ class Task:
     """Task to be timed.
 
     Args:
-        work: Does some work and returns how many units of it.
-        num_threads: Threads that torch and the compiled kernels may use meanwhile.
-        prepare: Called before each ``work``; its time is not measured. ``None``: nothing is.
+        work: Function that does some work and returns its number of units.
+        num_threads: Threads of torch and the compiled kernels during the work.
+        prepare: Called before each ``work``, not measured; ``None`` for no preparation.
     """
 
     work: Callable[[], int]
@@ -56,8 +56,8 @@ def alternate(tasks: Mapping[str, Task], budget: Budget) -> dict[str, np.ndarray
     Each task runs once before the measurement, so compiled kernels and caches are warm.
 
     Args:
-        tasks: What to time, by name.
-        budget: How long and how often.
+        tasks: Tasks by name.
+        budget: Duration and number of measurements.
 
     Returns:
         Units per second, ``[repeats]`` for each name.
@@ -86,7 +86,7 @@ def _rate(task: Task, seconds: float) -> float:
         return units / elapsed
     _wait_for_gpu()
     start = time.perf_counter()
-    while elapsed < seconds:  # a GPU may be busy with one call while the next is prepared
+    while elapsed < seconds:  # no synchronization between calls, which may overlap on a GPU
         units += task.work()
         elapsed = time.perf_counter() - start
     _wait_for_gpu()
@@ -94,7 +94,7 @@ def _rate(task: Task, seconds: float) -> float:
 
 
 def _run(task: Task) -> tuple[int, float]:
-    """Prepare, then work once; return the units and the seconds of the work alone."""
+    """Prepare and work once; return the units and the seconds of the work."""
     if task.prepare is not None:
         task.prepare()
     _wait_for_gpu()
@@ -112,7 +112,7 @@ def _wait_for_gpu() -> None:
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Let torch, and the kernels that follow it, use ``count`` threads for a while."""
+    """Set the number of threads of torch and the kernels within the block."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -21,8 +21,8 @@ def memory_row(make: MakeEnv, num_worlds: int) -> Row:
     """Measure the memory that ``num_worlds`` worlds add to a process with a single one.
 
     Args:
-        make: Makes the environment; it is pickled.
-        num_worlds: Worlds.
+        make: Builds the environment; must be picklable.
+        num_worlds: Number of worlds.
     """
     context = get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as first:  # compiles missing kernels

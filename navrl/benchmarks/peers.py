@@ -31,12 +31,12 @@ _CORNERS = [[-_H, -_H], [_H, -_H], [_H, _H], [-_H, _H]]
 
 
 def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row | str]:
-    """Measure beams a second against each peer that is installed, all on one core.
+    """Measure beams per second against each installed simulator, all on one core.
 
     Args:
-        make: Makes navrl's simulator.
-        num_worlds: Worlds of it; a peer has one.
-        budget: How much to measure.
+        make: Builds navrl's simulator.
+        num_worlds: Number of its worlds; other simulators have one.
+        budget: Duration and number of measurements.
 
     Returns:
         Rows, and a line for each peer that is not installed.
@@ -67,7 +67,7 @@ def peer_rows(make: MakeSimulator, num_worlds: int, budget: Budget) -> list[Row 
 
 
 class Navground:
-    """Navground's world with a lidar; a call moves everything once and scans."""
+    """Navground world with a lidar; a call steps the world and scans."""
 
     def __init__(self) -> None:
         from navground import core, sim
@@ -111,7 +111,7 @@ class Navground:
 
 
 class IrSim:
-    """ir-sim's world with a lidar, without display; a call moves everything once and scans."""
+    """ir-sim world with a lidar, without display; a call steps the world and scans."""
 
     def __init__(self) -> None:
         with contextlib.redirect_stdout(io.StringIO()):  # messages about missing window systems

@@ -18,12 +18,12 @@ _NUM_STEPS = 8
 def perception_rows(
     env: TransformedEnv, variants: Mapping[str, tuple[Transform, Transform]], budget: Budget
 ) -> list[Row]:
-    """Measure alignment and grouping of one scan, on one core.
+    """Measure alignment and grouping of one scan on one core.
 
     Args:
-        env: Where the scans come from: the last step of a short random drive in all worlds.
+        env: Environment; scans are those of the last step of a short random drive in all worlds.
         variants: ICP and TAGD transforms by name.
-        budget: How much to measure.
+        budget: Duration and number of measurements.
     """
     scans = scans_of_a_drive(env)
     tasks = {name: Task(_work(scans, *pair)) for name, pair in variants.items()}

@@ -17,9 +17,9 @@ PUBLISHED = {
     "peers.ir_sim_ratio": 2947.0,
     "step.ratio": 68.5,
 }
-"""Medians in docs/benchmark.md of the rows that compare with other simulators, by key.
+"""Published medians (docs/benchmark.md) of comparisons with other simulators, by key.
 
-Ratios only: both sides are measured in turn, so another machine or a busy one changes them little.
+These are ratios of alternating measurements, which depend little on machine and load.
 """
 
 
@@ -28,8 +28,8 @@ class Bar:
     """Target value of a row.
 
     Args:
-        limit: In the row's unit.
-        is_least: Whether the value must be at least this; otherwise at most.
+        limit: Limit in the unit of the row.
+        is_least: Whether the limit is a lower bound; otherwise it is an upper bound.
     """
 
     limit: float
@@ -44,7 +44,7 @@ class Bar:
 
 
 def at_most(limit: float) -> Bar:
-    """Return the bar of a quantity that should be small."""
+    """Return a target with an upper bound."""
     return Bar(limit, is_least=False)
 
 
@@ -91,7 +91,7 @@ class Row:
         return None if self.bar is None else self.bar.is_met_by(self.median)
 
     def is_within(self, factor: float) -> bool:
-        """Return whether the median is within a factor of the published figure, if there is one."""
+        """Return whether the median is within a factor of the published value, if there is one."""
         published = PUBLISHED.get(self.key)
         return published is None or published / factor <= self.median <= published * factor
 
@@ -116,13 +116,13 @@ class Series:
     """Growth of a cost with a size.
 
     Args:
-        key: Unique name, for programs.
-        label: What costs, for people.
-        size: What grows, for people.
-        unit: Of the cost.
-        sizes: ``[n]``, at least two different ones.
+        key: Unique machine-readable name.
+        label: Description of the cost for tables.
+        size: Description of the size for tables.
+        unit: Unit of the cost.
+        sizes: ``[n]``, at least two different values.
         costs: ``[repeats, n]``, positive.
-        bar: On the exponent, or ``None``.
+        bar: Target of the exponent, or ``None``.
     """
 
     key: str
@@ -134,7 +134,7 @@ class Series:
     bar: Bar | None = None
 
     def row(self) -> Row:
-        """Return the exponent of growth, one a repeat: the slope of log cost over log size."""
+        """Return the exponent of growth per repetition: the slope of log cost over log size."""
         exponents = fit_exponents(self.sizes, self.costs)
         return Row(
             f"growth.{self.key}",
@@ -185,7 +185,7 @@ class Report:
                 self.series.append(result)
                 result = result.row()
             if any(result.key == row.key for row in self.rows):
-                raise ValueError(f"row {result.key!r} is there already")
+                raise ValueError(f"key={result.key!r}: must be unique, a row has it already")
             self.rows.append(result)
 
     def to_dict(self) -> dict:
@@ -198,7 +198,7 @@ class Report:
         }
 
     def save(self, file: Path) -> None:
-        """Write as JSON."""
+        """Write the report as JSON."""
         write_json(file, self.to_dict(), indent=2, ensure_ascii=False)
 
     def table(self) -> str:
@@ -223,7 +223,7 @@ class Report:
         return "\n".join([machine, "", *text, *skipped, *self.warnings()])
 
     def warnings(self) -> list[str]:
-        """Return a line for each row that is far from its published figure."""
+        """Return a line for each row that is far from its published value."""
         if self.factor is None:
             return []
         return [
@@ -236,7 +236,7 @@ class Report:
 
 
 def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:
-    """Pad: numbers to the right, words to the left."""
+    """Pad cells: numbers right-aligned, words left-aligned."""
     return [
         cell.rjust(w) if i in (1, 2) else cell.ljust(w)
         for i, (cell, w) in enumerate(zip(line, width, strict=True))
@@ -244,5 +244,5 @@ def _cells(line: Sequence[str], width: Sequence[int]) -> list[str]:
 
 
 def number(value: float) -> str:
-    """Write three digits, or all before the point."""
+    """Format a value with three significant digits, or all digits of the integer part."""
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"

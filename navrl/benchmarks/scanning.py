@@ -14,7 +14,7 @@ from navrl.sim import Simulator
 from navrl.worlds import ScenarioBatch
 
 MakeSimulator = Callable[..., Simulator]
-"""From ``num_worlds``, ``num_beams`` and ``max_pedestrians`` to a simulator."""
+"""Maps ``num_worlds``, ``num_beams`` and ``max_pedestrians`` to a simulator."""
 
 NUM_BEAMS, NUM_BOXES = 1440, 32
 
@@ -22,7 +22,8 @@ NUM_BEAMS, NUM_BOXES = 1440, 32
 def scan_task(simulator: Simulator, scenes: ScenarioBatch, num_threads: int = 1) -> Task:
     """Return a task whose unit is one noise-free scan.
 
-    Robots turn between scans, unmeasured: a simulator may store a world's scan until it moves.
+    Robots turn between scans, which is not measured, because a simulator may cache the scan of a
+    stationary world.
     """
     turn = _turning(simulator, scenes)
 
@@ -61,14 +62,14 @@ def _turning(simulator: Simulator, scenes: ScenarioBatch) -> Callable[[], None]:
 def scan_rows(
     make: MakeSimulator, make_reference: MakeSimulator, num_worlds: int, budget: Budget, cores: int
 ) -> list[Row]:
-    """Measure scans of 32 boxes, against PyBullet's.
+    """Measure scans of 32 boxes against those of PyBullet.
 
     Args:
-        make: Makes the fast simulator.
-        make_reference: Makes PyBullet's.
-        num_worlds: Worlds of the fast one.
-        budget: How much to measure.
-        cores: Threads of the row for all cores.
+        make: Builds the batched simulator.
+        make_reference: Builds the PyBullet simulator.
+        num_worlds: Worlds of the batched simulator.
+        budget: Duration and number of measurements.
+        cores: Number of threads in the row for all cores.
     """
     simulator, reference = make(num_worlds), make_reference(4)
     scenes = clutter(num_worlds, NUM_BOXES)
@@ -99,12 +100,12 @@ def growth_series(
     boxes: Sequence[int],
     pedestrians: Sequence[int],
 ) -> list[Series]:
-    """Measure how a step with its scan grows with beams, boxes and pedestrians.
+    """Measure the growth of the time of a step and scan with beams, boxes and pedestrians.
 
     Args:
-        make: Makes the simulator.
-        num_worlds: Worlds.
-        budget: How much to measure.
+        make: Builds the simulator.
+        num_worlds: Number of worlds.
+        budget: Duration and number of measurements.
         beams: Numbers of beams, among 32 boxes.
         boxes: Numbers of boxes, for 1,440 beams.
         pedestrians: Numbers of pedestrians among 4 walls, for 1,440 beams.

@@ -19,13 +19,13 @@ def clutter(num_worlds: int, num_boxes: int, num_pedestrians: int = 0) -> Scenar
     """Return rooms with random positions of boxes and pedestrians.
 
     Args:
-        num_worlds: S.
-        num_boxes: Boxes in each, four of which are the room's walls; the others are turned at
-            random, 0.1 to 0.5 m long and wide.
-        num_pedestrians: Walkers in each, on straight routes that point away from the robot.
+        num_worlds: Number of rooms S.
+        num_boxes: Boxes in each room, including its four walls; the others have random positions
+            and orientations and are 0.1 to 0.5 m long and wide.
+        num_pedestrians: Walkers in each room, on straight radial routes around the robot.
 
     Raises:
-        ValueError: If there is no box for one of the walls.
+        ValueError: If ``num_boxes`` is less than 4.
     """
     if num_boxes < 4:
         raise ValueError(f"num_boxes={num_boxes}: must be >= 4, the room's walls")
@@ -49,7 +49,7 @@ def _room(index: int, num_boxes: int, num_pedestrians: int) -> Scenario:
 
 
 def walls() -> np.ndarray:
-    """Return the room's four walls ``[4, 5]``."""
+    """Return the four walls of the room, ``[4, 5]`` (cx, cy, hx, hy, yaw), m and rad."""
     out, long = ROOM_HALF_SIZE + WALL, ROOM_HALF_SIZE + 2 * WALL
     sides = [
         (out, 0, WALL, long),
@@ -61,7 +61,7 @@ def walls() -> np.ndarray:
 
 
 def _boxes(generator: np.random.Generator, count: int) -> np.ndarray:
-    """Return boxes ``[count, 5]`` anywhere in the room but around the robot."""
+    """Return boxes ``[count, 5]`` in the room outside of ``FREE_RADIUS`` around the robot."""
     half = generator.uniform(0.05, 0.25, (count, 2))
     center = generator.uniform(-ROOM_HALF_SIZE, ROOM_HALF_SIZE, (count, 2))
     distance = np.linalg.norm(center, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ def _boxes(generator: np.random.Generator, count: int) -> np.ndarray:
 
 
 def walkers(count: int) -> list[Pedestrian]:
-    """Return walkers that go back and forth between 0.8 m and 2.8 m from the robot."""
+    """Return walkers that move back and forth between 0.8 m and 2.8 m from the robot."""
     people = []
     for angle in np.arange(count) * (2 * math.pi / max(count, 1)):
         towards = np.array([math.cos(angle), math.sin(angle)])

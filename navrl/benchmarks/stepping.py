@@ -18,13 +18,13 @@ from navrl.benchmarks.results import Bar, Row, Series
 from navrl.ops.kernels.threads import torch_on_one_thread
 
 MakeEnv = Callable[[int], TransformedEnv]
-"""From a number of worlds to an environment with all of its transforms."""
+"""Maps a number of worlds to an environment with all of its transforms."""
 
 _NUM_ACTIONS = 64  # drawn in advance and reused, so that drawing is not measured
 
 
 class RandomDrive:
-    """Drive every robot at random; an ended episode is followed by another.
+    """Steps of an environment with random actions; worlds are reset when an episode ends.
 
     Args:
         env: Environment with its transforms and actions in [-1, 1].
@@ -39,10 +39,10 @@ class RandomDrive:
 
     @torch.no_grad()
     def __call__(self) -> int:
-        """Step all worlds once; return how many."""
+        """Step all worlds once; return the number of worlds."""
         self.carrier.set(keys.ACTION, self._actions[self._count % _NUM_ACTIONS])
         self._count += 1
-        with torch_on_one_thread():  # as trainings and evaluations do
+        with torch_on_one_thread():  # as in training and evaluation
             _, self.carrier = self.env.step_and_maybe_reset(self.carrier)
         return self.env.batch_size.numel()
 
@@ -55,18 +55,18 @@ def step_rows(
     budget: Budget,
     cores: int,
 ) -> list[Row]:
-    """Measure complete steps on one core and on two, against the same pipeline on PyBullet.
+    """Measure complete steps on one and two cores against the same pipeline on PyBullet.
 
-    Two cores are used in both ways there are: by two processes, as ``collector=process`` does, and
-    by two threads of the kernels, while the code between them runs on one.
+    Two cores are used in two ways: by two processes, as with ``collector=process``, and by two
+    threads of the kernels, while the code between kernels runs on one thread.
 
     Args:
-        make: Makes the environment on the fast simulator.
-        make_reference: Makes it on PyBullet.
-        num_worlds: Worlds of the fast one.
-        num_reference_worlds: Worlds of PyBullet's.
-        budget: How much to measure.
-        cores: Of the machine.
+        make: Builds the environment with the batched simulator.
+        make_reference: Builds the environment with the PyBullet simulator.
+        num_worlds: Worlds of the batched simulator.
+        num_reference_worlds: Worlds of the PyBullet simulator.
+        budget: Duration and number of measurements.
+        cores: Number of cores of the machine.
     """
     env, reference = make(num_worlds), make_reference(num_reference_worlds)
     drive = RandomDrive(env)
@@ -98,15 +98,15 @@ def _two_core_rows(rates: Mapping[str, np.ndarray]) -> list[Row]:
 
 
 class StepWorkers:
-    """Processes that step worlds of their own on a thread each, as workers of a training do.
+    """Processes that step separate worlds on one thread each, like the workers of a training.
 
     Args:
-        make: Makes an environment; it is pickled.
-        num_worlds: Worlds of each.
-        count: Processes.
+        make: Builds an environment; must be picklable.
+        num_worlds: Worlds of each process.
+        count: Number of processes.
     """
 
-    _STEPS = 10  # between two waits for each other
+    _STEPS = 10  # steps of a process between two synchronizations
 
     def __init__(self, make: MakeEnv, num_worlds: int, count: int) -> None:
         context = get_context("spawn")
@@ -115,7 +115,7 @@ class StepWorkers:
         ]
 
     def __call__(self) -> int:
-        """Step all worlds a few times; return how many steps that were."""
+        """Step all worlds a few times; return the number of steps."""
         futures = [pool.submit(_step_worker, self._STEPS) for pool in self._pools]
         return sum(future.result() for future in futures)
 
@@ -143,7 +143,7 @@ def _step_worker(count: int) -> int:
 
 
 def worlds_series(make: MakeEnv, worlds: Sequence[int], budget: Budget) -> Series:
-    """Measure how the time of a batch of complete steps grows with the number of worlds."""
+    """Measure the growth of the time of a batch of complete steps with the number of worlds."""
     envs = {n: make(n) for n in worlds}
     rates = alternate({str(n): Task(RandomDrive(env)) for n, env in envs.items()}, budget)
     for env in envs.values():
@@ -155,7 +155,7 @@ def worlds_series(make: MakeEnv, worlds: Sequence[int], budget: Budget) -> Serie
 def threads_series(
     make: MakeEnv, num_worlds: int, threads: Sequence[int], budget: Budget
 ) -> Series:
-    """Measure how the time of complete steps falls with threads."""
+    """Measure the time of complete steps as a function of the number of threads."""
     drive = RandomDrive(make(num_worlds))
     rates = alternate({str(n): Task(drive, n) for n in threads}, budget)
     drive.env.close()

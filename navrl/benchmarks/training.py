@@ -9,7 +9,7 @@ import numpy as np
 
 from navrl.benchmarks.results import Row, at_most
 
-PHASES = {  # of the trainer, or of a trainer with workers
+PHASES = {  # phases of the trainer, with and without workers
     "act": "policy acts",
     "environment": "simulator and transforms",
     "wait": "waiting for workers",

@@ -57,7 +57,7 @@ class PolicyRunner:
         >>> from navrl.policies import ZOO
         >>> runner = PolicyRunner.from_bundle(ZOO / "paper")
         >>> command = runner.act(np.full(1440, 2.0), pose=(0.0, 0.0, 0.0), path=[(0, 0), (4, 0)])
-        >>> 0.0 <= command[0] <= 1.0
+        >>> bool(0.0 <= command[0] <= 1.0)
         True
         >>> runner.act(np.full(1440, np.inf), (0.0, 0.0, 0.0), [(0, 0), (4, 0)]).tolist()
         [0.0, 0.0]

@@ -17,6 +17,7 @@ from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
+from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
 from navrl.policies import load_bundle
 from navrl.policies.names import bundle_folder

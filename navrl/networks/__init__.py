@@ -1,4 +1,4 @@
-"""Networks: attention blocks, convolutions, streams, actor and critic."""
+"""Neural networks: attention, convolution and vector streams, encoder, actor and critic."""
 
 from navrl.networks.actor_critic import ActorNetwork, CriticNetwork, make_actor, make_critic
 from navrl.networks.attention import LocationAttention

@@ -1,4 +1,4 @@
-"""Actor and critic: an encoder of their own each, and the output module."""
+"""Actor and critic networks, each with its own encoder and output module."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class ActorNetwork(nn.Module):
         encoder: Built encoder; see :class:`navrl.networks.StreamEncoder`.
         action_size: Number of action dimensions.
         hidden: Hidden layer sizes of the output module.
-        with_attention: Whether the attention weights are returned after the action.
-        saturation_penalty: Weight of the penalty on large inputs of the tanh while learning; see
+        with_attention: Whether to return the attention weights after the action.
+        saturation_penalty: Weight of the tanh saturation penalty in training; see
             :func:`navrl.networks.restraint.restrain`.
 
     Raises:
@@ -52,7 +52,7 @@ class ActorNetwork(nn.Module):
         self.with_attention = with_attention
 
     def forward(self, *inputs: Tensor) -> Tensor | tuple[Tensor, ...]:
-        """Return the action ``[*B, action_size]``, and the weights if asked for."""
+        """Return the action ``[*B, action_size]`` and, if requested, the attention weights."""
         feature, *weights = self.encoder(*inputs)
         action = in_float32(self.output, feature)
         action = torch.tanh(restrain(action, self.saturation_penalty))
@@ -60,20 +60,20 @@ class ActorNetwork(nn.Module):
 
 
 class CriticNetwork(nn.Module):
-    """Map an observation and an action to the action's value.
+    """Map an observation and an action to the Q-value.
 
     Args:
-        encoder: Built encoder, sharing nothing with the actor's.
+        encoder: Built encoder, which shares no weights with that of the actor.
         action_size: Number of action dimensions.
         hidden: Hidden layer sizes of the output module.
-        observation_hidden: Layers that the encoder's features pass before the action joins them,
-            ReLU after each; none by default.
-        action_hidden: Layers that the action passes before, in the same way.
+        observation_hidden: Sizes of layers applied to the encoder's features before they are
+            concatenated with the action, ReLU after each; none by default.
+        action_hidden: Sizes of layers applied to the action before the concatenation, likewise.
 
     Reference:
-        Paper Sec. IV-E, output module 128x64x64x1. The paper does not say where the action enters;
-        it joins the features after attention, as in the authors' precursor. Layers before that are
-        those of Perez-D'Arpino et al. (2021).
+        Paper Sec. IV-E, output module 128x64x64x1. The paper does not specify where the action
+        enters; it is concatenated with the features after attention, as in the authors' precursor.
+        Layers before the concatenation follow Perez-D'Arpino et al. (2021).
     """
 
     def __init__(
@@ -91,28 +91,28 @@ class CriticNetwork(nn.Module):
         self.output = mlp(observation_size + action_size, [*hidden, 1])
 
     def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
-        """Return the value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
+        """Return the Q-value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
         return self.judge(action, self.encode(*inputs))
 
     def encode(self, *inputs: Tensor) -> Tensor:
-        """Return the observation's feature ``[*B, n]``, which no action changes."""
+        """Return the feature ``[*B, n]`` of the observation, independent of the action."""
         return in_float32(self.observation, self.encoder(*inputs)[0])
 
     def judge(self, action: Tensor, feature: Tensor) -> Tensor:
-        """Return the value ``[*B, 1]`` of ``action`` where :meth:`encode` gave ``feature``."""
+        """Return the Q-value ``[*B, 1]`` of ``action`` given the ``feature`` of :meth:`encode`."""
         action = in_float32(self.action, action)
         return in_float32(self.output, torch.cat([feature, action], dim=-1))
 
 
 def _layers(in_features: int, sizes: Sequence[int]) -> tuple[nn.Module, int]:
-    """Return a perceptron that ends in a ReLU, or nothing at all, and the size of what it gives."""
+    """Return a perceptron with a final ReLU, or the identity, and its output size."""
     if not sizes:
         return nn.Identity(), in_features
     return mlp(in_features, sizes, activate_last=True), sizes[-1]
 
 
 def in_float32(module: nn.Module, value: Tensor) -> Tensor:
-    """Run the last layers in float32 even under autocast: they cost little and decide much."""
+    """Run a module in float32 even under autocast; for small layers sensitive to rounding."""
     with torch.autocast(value.device.type, enabled=False):
         return module(value.float())
 
@@ -128,11 +128,11 @@ def make_actor(
     """Build the actor as a TensorDict module.
 
     Args:
-        encoder: Constructor of an encoder that still takes ``shapes``.
+        encoder: Constructor of an encoder with the remaining argument ``shapes``.
         shapes: Feature shape (without batch) of every observed key, e.g. from the env's specs.
         action_size: Number of action dimensions.
         hidden: Hidden layer sizes of the output module.
-        with_attention: Whether ``<stream>_attention`` keys are written beside the action.
+        with_attention: Whether to write ``<stream>_attention`` keys in addition to the action.
         saturation_penalty: See :class:`ActorNetwork`.
 
     Returns:
@@ -140,6 +140,14 @@ def make_actor(
 
     Raises:
         ValueError: If the encoder needs a key that ``shapes`` lacks.
+
+    Example:
+        >>> from functools import partial
+        >>> from navrl.networks import StreamEncoder, VectorStream
+        >>> goal = partial(VectorStream, in_key="goal", hidden=[16])
+        >>> actor = make_actor(partial(StreamEncoder, streams={"goal": goal}), {"goal": [2]})
+        >>> actor(goal=torch.zeros(5, 2)).shape
+        torch.Size([5, 2])
     """
     network = ActorNetwork(
         encoder(shapes=shapes), action_size, hidden, with_attention, saturation_penalty
@@ -158,10 +166,21 @@ def make_critic(
 ) -> TensorDictModule:
     """Build the critic as a TensorDict module; arguments as in :func:`make_actor`.
 
-    The last two are those of :class:`CriticNetwork`.
+    ``observation_hidden`` and ``action_hidden`` are those of :class:`CriticNetwork`.
 
     Returns:
         A module that reads ``action`` and the encoder's keys and writes ``state_action_value``.
+
+    Raises:
+        ValueError: If the encoder needs a key that ``shapes`` lacks.
+
+    Example:
+        >>> from functools import partial
+        >>> from navrl.networks import StreamEncoder, VectorStream
+        >>> goal = partial(VectorStream, in_key="goal", hidden=[16])
+        >>> critic = make_critic(partial(StreamEncoder, streams={"goal": goal}), {"goal": [2]})
+        >>> critic(action=torch.zeros(5, 2), goal=torch.zeros(5, 2)).shape
+        torch.Size([5, 1])
     """
     network = CriticNetwork(
         encoder(shapes=shapes), action_size, hidden, observation_hidden, action_hidden

@@ -11,24 +11,32 @@ from navrl.networks.mlp import mlp
 
 
 class LocationAttention(nn.Module):
-    """Weigh items one by one and return the weighted sum of their features.
+    """Weighted sum of item features with weights from a score per item.
 
-    Items do not attend to each other: each is embedded, scored and turned into a feature alone, and
-    only the softmax over the scores couples them. A context (the waypoints) is part of every item.
+    There is no pairwise attention: items are embedded, scored and mapped to features independently
+    and only coupled by the softmax over the scores. A context (the waypoints) is concatenated with
+    every item.
 
     Args:
-        item_size: Features of one item, without the context.
-        context_size: Features of the context that every item is joined with.
+        item_size: Number of features of an item, without the context.
+        context_size: Number of features of the context.
         embedding: Layer sizes of the embedding network, ReLU after each.
         score: Layer sizes of the score network, linear last layer; must end in 1.
         feature: Layer sizes of the feature network, linear last layer.
 
     Raises:
-        ValueError: If the score network does not end in one value.
+        ValueError: If the last layer of the score network is not of size 1.
+
+    Example:
+        >>> attention = LocationAttention(item_size=4, context_size=2)
+        >>> feature, weights = attention(torch.zeros(3, 30, 4), torch.zeros(3, 2))
+        >>> feature.shape, weights.shape
+        (torch.Size([3, 30]), torch.Size([3, 30]))
 
     Reference:
-        Paper Sec. IV-E2 and its two equations; layer sizes from its footnote. That the embedding's
-        last layer is activated and the others' are not follows the authors' public precursor.
+        Paper Sec. IV-E2 and its two equations; layer sizes from its footnote. The ReLU after the
+        last layer of the embedding, but not of the other networks, follows the authors' public
+        precursor.
     """
 
     def __init__(
@@ -49,11 +57,11 @@ class LocationAttention(nn.Module):
         self.feature = mlp(embedding[-1], feature)
 
     def forward(self, items: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Attend.
+        """Return the weighted feature and the attention weights.
 
         Args:
             items: ``[*B, n, item_size]``.
-            context: ``[*B, context_size]``, joined to each item.
+            context: ``[*B, context_size]``, concatenated with each item.
 
         Returns:
             The weighted feature ``[*B, out_features]`` and the weights ``[*B, n]``, which sum to 1.

@@ -1,4 +1,4 @@
-"""Streams that convolve scans along their beams."""
+"""Convolutional encoder streams for lidar scans."""
 
 from __future__ import annotations
 
@@ -15,25 +15,31 @@ from navrl.networks.mlp import mlp
 
 
 class ConvStream(nn.Module):
-    """Convolve scans along their beams; each scan is a channel.
+    """Encoder stream that convolves scans along their beams, one channel per scan.
 
-    Distances alone are read, one a beam: where a beam points is only in its place.
+    The input is one distance per beam; the bearing of a beam is only given by its index.
 
     Args:
-        in_keys: TensorDict keys of scans ``[*B, N]`` or of several at once ``[*B, C, N]``; their
+        in_keys: TensorDict keys of scans ``[*B, N]`` or of stacked scans ``[*B, C, N]``; their
             order is the order of the channels.
-        shapes: Feature shape (without batch) of every available key; sizes the stream.
+        shapes: Feature shape (without batch) of every available key; determines layer sizes.
         channels: Output channels of each layer, ReLU after each.
-        kernel_sizes: Beams each layer looks at.
-        strides: Beams each layer moves on by.
-        paddings: Beams each layer adds at both ends.
+        kernel_sizes: Kernel size of each layer, in beams.
+        strides: Stride of each layer, in beams.
+        paddings: Padding of each layer at both ends, in beams.
         hidden: Layer sizes of the perceptron that follows, ReLU after each.
-        padding_mode: ``"zeros"``, as in the baselines, or ``"circular"``: what is added are the
-            beams of the other end, since the scan goes around the robot.
+        padding_mode: ``"zeros"``, as in the baselines, or ``"circular"``, which pads with beams of
+            the opposite end, because the scan covers a full circle.
 
     Raises:
-        ValueError: If the scans differ in length, the layers' lists do, if no beam is left after a
-            layer, or if ``padding_mode`` is none of the above.
+        ValueError: If the scans or the layer lists differ in length, a layer has no output, or
+            ``padding_mode`` is unknown.
+
+    Example:
+        >>> stream = ConvStream(["distance"], {"distance": [180]}, channels=[32, 32],
+        ...                     kernel_sizes=[5, 3], strides=[2, 2], paddings=[1, 1], hidden=[64])
+        >>> stream(torch.zeros(4, 180))[0].shape
+        torch.Size([4, 64])
 
     Reference:
         Paper Sec. V-C: the lidar encoders of Liang et al. (2020) and Perez-D'Arpino et al. (2021).
@@ -68,7 +74,7 @@ class ConvStream(nn.Module):
         return (self.mlp(self.convolve(*scans).flatten(-2)),)
 
     def convolve(self, *scans: Tensor) -> Tensor:
-        """Return what the convolutions make of the scans, ``[*B, channels, places]``."""
+        """Return the feature map of the scans, ``[*B, channels, places]``."""
         channels = [
             scan if num_scans else scan.unsqueeze(-2)
             for scan, num_scans in zip(scans, self._num_scans, strict=True)
@@ -79,26 +85,35 @@ class ConvStream(nn.Module):
 
 
 class ConvAttentionStream(ConvStream):
-    """Attend over the places that convolutions make of a scan, and keep their order beside it.
+    """Encoder stream with convolutions along the beams and attention over their outputs.
 
-    A place sees its neighbours and, with aligned past scans as channels, what moves there; the
-    attention says which places matter on the way ahead. Its sum forgets where a place is, so each
-    place carries its bearing, and the perceptron of :class:`ConvStream` reads them in order.
+    A place (output position of the convolutions) covers neighboring beams and, with aligned past
+    scans as channels, the motion in them; the attention weights the places by their relevance to
+    the waypoints. The weighted sum does not retain positions, so the bearing of each place is part
+    of its features, and the perceptron of :class:`ConvStream` reads the places in order.
 
     Args:
         in_keys: As in :class:`ConvStream`.
         shapes: As in :class:`ConvStream`.
-        context_key: TensorDict key of what is joined to every place.
-        embedding: Layer sizes of the attention's embedding network.
-        score: Layer sizes of its score network.
-        feature: Layer sizes of its feature network.
-        **options: The others of :class:`ConvStream`.
+        context_key: TensorDict key of the context concatenated with every place.
+        embedding: Layer sizes of the embedding network of the attention.
+        score: Layer sizes of the score network of the attention.
+        feature: Layer sizes of the feature network of the attention.
+        **options: Other arguments of :class:`ConvStream`.
 
     Raises:
-        ValueError: As :class:`ConvStream`, or if ``context_key`` is missing.
+        ValueError: If an argument is invalid for :class:`ConvStream` or ``context_key`` is missing.
+
+    Example:
+        >>> shapes = {"distances": [4, 180], "waypoint": [5, 2]}
+        >>> stream = ConvAttentionStream(["distances"], shapes, channels=[32], kernel_sizes=[6],
+        ...                              strides=[6], paddings=[0], hidden=[64])
+        >>> feature, weights = stream(torch.zeros(1, 4, 180), torch.zeros(1, 5, 2))
+        >>> feature.shape, weights.shape
+        (torch.Size([1, 128]), torch.Size([1, 30]))
 
     Reference:
-        Not in the paper, whose attention reads sectors of a scan alone (Sec. IV-E).
+        Not in the paper, whose attention reads the sectors of a single scan (Sec. IV-E).
     """
 
     has_attention = True
@@ -137,12 +152,12 @@ class ConvAttentionStream(ConvStream):
 
 
 def _scans(shapes: Shapes, in_keys: Sequence[str]) -> tuple[list[int], int]:
-    """Return the number of scans of each key, 0 for a bare one, and their common length."""
+    """Return the number of scans of each key (0 for an unstacked scan) and their common length."""
     found = {key: list(shapes[key]) for key in in_keys if feature_size(shapes, key)}
     lengths = {shape[-1] for shape in found.values()}
     if len(lengths) != 1 or any(len(shape) not in (1, 2) for shape in found.values()):
         raise ValueError(
-            f"in_keys: need one or more scans [N] or [C, N] of equal length, got {found}"
+            f"in_keys: must be one or more scans [N] or [C, N] of equal length, got {found}"
         )
     return [shape[0] if len(shape) == 2 else 0 for shape in found.values()], lengths.pop()
 
@@ -154,12 +169,14 @@ def _convolutions(
     layers: Mapping[str, Sequence[int]],
     padding_mode: str,
 ) -> tuple[nn.Sequential, int]:
-    """Return the convolutions and how many places they make of ``num_beams``."""
+    """Return the convolutions and the number of their outputs for ``num_beams``."""
     if padding_mode not in ("zeros", "circular"):
         raise ValueError(f"padding_mode={padding_mode!r}: must be zeros or circular")
     for name, values in layers.items():
         if len(values) != len(channels):
-            raise ValueError(f"{name}={list(values)}: need {len(channels)} values, as channels has")
+            raise ValueError(
+                f"{name}={list(values)}: must have {len(channels)} values, one for each of channels"
+            )
     modules: list[nn.Module] = []
     for index, (out_channels, *layer) in enumerate(zip(channels, *layers.values(), strict=True)):
         num_beams = _num_outputs(num_beams, *layer, index)
@@ -172,7 +189,7 @@ def _convolutions(
 
 
 def _num_outputs(num_beams: int, kernel_size: int, stride: int, padding: int, layer: int) -> int:
-    """Return how many values a layer makes of each channel's ``num_beams``."""
+    """Return the output length of a layer for ``num_beams`` inputs per channel."""
     if min(kernel_size, stride) < 1 or padding < 0:
         raise ValueError(
             f"layer {layer}: kernel_sizes={kernel_size}, strides={stride}: must be >= 1; "
@@ -180,5 +197,7 @@ def _num_outputs(num_beams: int, kernel_size: int, stride: int, padding: int, la
         )
     padded = num_beams + 2 * padding
     if padded < kernel_size:
-        raise ValueError(f"layer {layer}: kernel_sizes={kernel_size} exceeds its {padded} inputs")
+        raise ValueError(
+            f"layer {layer}: kernel_sizes={kernel_size}: must be at most its {padded} inputs"
+        )
     return (padded - kernel_size) // stride + 1

@@ -1,4 +1,4 @@
-"""From the network inputs of a step to one feature vector."""
+"""Attention stream and encoder that maps network inputs to one feature vector."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Shapes = Mapping[str, Sequence[int]]
 
 
 class AttentionStream(nn.Module):
-    """One stream of the paper: split an input into items and attend over them.
+    """Encoder stream of the paper: split an input into items and attend over them.
 
     Args:
-        in_key: TensorDict key of the input, e.g. the scan's points or the descriptors.
-        shapes: Feature shape (without batch) of every available key; sizes the stream.
-        num_items: Items along the attention axis: sectors or descriptors. The input's elements are
-            split evenly and in order, so 180 points in 30 sectors give 6 neighbouring points each.
-        context_key: TensorDict key of what is joined to every item.
+        in_key: TensorDict key of the input, e.g. the points of a scan or the descriptors.
+        shapes: Feature shape (without batch) of every available key; determines layer sizes.
+        num_items: Number of items (sectors or descriptors). The elements of the input are split
+            evenly in order: 180 points in 30 sectors give 6 neighboring points each.
+        context_key: TensorDict key of the context concatenated with every item.
         embedding: Layer sizes of the embedding network.
         score: Layer sizes of the score network.
         feature: Layer sizes of the feature network.
@@ -30,9 +30,15 @@ class AttentionStream(nn.Module):
     Raises:
         ValueError: If a key is missing or the input cannot be split into ``num_items``.
 
+    Example:
+        >>> stream = AttentionStream("spatial", {"spatial": [180, 2], "waypoint": [5, 2]})
+        >>> feature, weights = stream(torch.zeros(1, 180, 2), torch.zeros(1, 5, 2))
+        >>> feature.shape, weights.shape
+        (torch.Size([1, 30]), torch.Size([1, 30]))
+
     Reference:
-        Paper Sec. IV-E1. The paper's sector formula repeats N_b where the text needs N/N_b rays;
-        sectors here have N/N_b rays.
+        Paper Sec. IV-E1. The paper's sector formula has N_b where its text implies N/N_b rays; this
+        implementation uses sectors of N/N_b rays.
     """
 
     has_attention = True
@@ -67,18 +73,26 @@ class AttentionStream(nn.Module):
 
 
 class StreamEncoder(nn.Module):
-    """Join the features of several streams.
+    """Encoder that concatenates the features of several streams.
 
     A stream is a module with ``in_keys``, ``out_features`` and ``has_attention``; called with the
-    values of its keys it returns a tuple of its feature and, if it attends, its weights.
+    values of its keys it returns a tuple of its feature and, with attention, its weights.
 
     Args:
-        streams: A stream per name, in order; ``None`` removes one (an ablation in one line).
-            Each is a constructor that still takes ``shapes``.
+        streams: Streams by name, in order, each a constructor with the remaining argument
+            ``shapes``; ``None`` removes a stream, e.g. for an ablation.
         shapes: Feature shape (without batch) of every available key.
 
     Raises:
         ValueError: If no stream is left.
+
+    Example:
+        >>> from functools import partial
+        >>> from navrl.networks import VectorStream
+        >>> goal = partial(VectorStream, in_key="goal", hidden=[16])
+        >>> encoder = StreamEncoder({"goal": goal, "spatial": None}, {"goal": [2]})
+        >>> encoder(torch.zeros(4, 2))[0].shape
+        torch.Size([4, 16])
 
     Reference:
         Paper Sec. IV-E and Fig. 3c. NO-SPATIAL and NO-TEMPORAL (Sec. V-B1) remove a stream.
@@ -95,7 +109,7 @@ class StreamEncoder(nn.Module):
         self.out_features = sum(stream.out_features for stream in built.values())
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """Return the joined feature ``[*B, out_features]``, then weights of those that attend."""
+        """Return the concatenated feature ``[*B, out_features]``, then all attention weights."""
         by_key = dict(zip(self.in_keys, inputs, strict=True))
         results = [s(*(by_key[key] for key in s.in_keys)) for s in self.streams.values()]
         weights = [w for result in results for w in result[1:]]
@@ -103,10 +117,10 @@ class StreamEncoder(nn.Module):
 
 
 def feature_size(shapes: Shapes, key: str) -> int:
-    """Return how many numbers a key holds.
+    """Return the number of scalar features of a key.
 
     Raises:
-        ValueError: If it is not observed, listing what is.
+        ValueError: If the key is not observed; the message lists the available keys.
     """
     if key not in shapes:
         raise ValueError(f"key '{key}' is not observed; available: {sorted(shapes)}")

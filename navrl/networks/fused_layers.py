@@ -1,4 +1,4 @@
-"""Linear layers, each with its ReLU, as one node of the graph and one pass over memory a layer."""
+"""Fused linear and ReLU layers in bfloat16: one autograd node, one memory pass per layer."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Layer = tuple[Tensor, Tensor, bool]
 
 
 def can_fuse(value: Tensor) -> bool:
-    """Return whether :func:`fused_layers` takes ``value`` and is the faster way.
+    """Return whether :func:`fused_layers` supports ``value`` and is faster than separate layers.
 
-    That is in bfloat16 on the CPU, autocast's or the operand's own: oneDNN writes the activated
-    output at once, which for the wide and shallow layers of the attention networks takes half the
-    time of the two steps. Not in ``torch.compile`` nor under transforms such as ``vmap``; in
-    float32 the plain layers are the faster ones.
+    This holds for bfloat16 on the CPU, from autocast or the input's dtype: oneDNN writes the
+    activated output directly, which halves the time for the wide and shallow layers of the
+    attention networks. It is not supported in ``torch.compile`` and under transforms such as
+    ``vmap``; in float32 separate layers are faster.
     """
     device = value.device.type
     dtype = torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else value.dtype
@@ -31,14 +31,14 @@ def can_fuse(value: Tensor) -> bool:
 
 
 def fused_layers(value: Tensor, layers: Sequence[Layer]) -> Tensor:
-    """Return what the layers make of a value, in bfloat16.
+    """Apply layers to a value in bfloat16.
 
     Args:
         value: ``[*B, in]``, for which :func:`can_fuse` holds.
         layers: Weights, biases and activations in order, at least one.
 
     Returns:
-        ``[*B, out]`` of the last layer. Gradients have the dtypes of what they belong to.
+        ``[*B, out]`` of the last layer. Gradients have the dtypes of their tensors.
     """
     weights = [weight for layer in layers for weight in layer[:2]]
     activated = [layer[2] for layer in layers]
@@ -66,7 +66,7 @@ class _FusedLayers(torch.autograd.Function):
             matrix, bias = (w.to(torch.bfloat16) for w in weights[2 * index : 2 * index + 2])
             matrices.append(matrix)
             values.append(_layer(values[-1], matrix, bias, activate))
-        # The last output is needed only to know where its ReLU let values pass.
+        # The last output is only needed for the gradient of its ReLU.
         ctx.save_for_backward(*matrices, *(values if activated[-1] else values[:-1]))
         return values[-1]
 
@@ -79,7 +79,7 @@ class _FusedLayers(torch.autograd.Function):
         values = [value.reshape(-1, value.shape[-1]) for value in values]
         rows = gradient.reshape(-1, gradient.shape[-1])
         needs_value, _, *needs = ctx.needs_input_grad
-        first = -1 if needs_value else needs.index(True) // 2  # nothing below learns
+        first = -1 if needs_value else needs.index(True) // 2  # layers below need no gradient
         to_weights: list[Tensor | None] = [None] * len(needs)
         for index in reversed(range(count)):
             if ctx.activated[index]:
@@ -96,7 +96,7 @@ class _FusedLayers(torch.autograd.Function):
 
 
 def _outer(rows: Tensor, values: Tensor) -> Tensor:
-    """Return ``rows.T @ values``; oneDNN is faster with the narrower of the two in front."""
+    """Return ``rows.T @ values``; oneDNN is faster with the narrower operand on the left."""
     if rows.shape[-1] > values.shape[-1]:
         return (values.T @ rows).T
     return rows.T @ values

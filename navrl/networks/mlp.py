@@ -1,4 +1,4 @@
-"""Multilayer perceptrons as the paper uses them."""
+"""Multilayer perceptrons of the paper."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from navrl.networks.fused_layers import Layer, can_fuse, fused_layers
 
 
 class Perceptron(nn.Sequential):
-    """Linear layers with or without a ReLU after each, taken together where that is faster."""
+    """Sequence of linear layers with optional ReLU, fused where that is faster."""
 
     def forward(self, value: Tensor) -> Tensor:
-        """Return the last layer's output."""
+        """Return the output of the last layer."""
         layers = _pairs(self._modules.values()) if can_fuse(value) else None
         return fused_layers(value, layers) if layers else super().forward(value)
 
 
 def _pairs(modules: Iterable[nn.Module]) -> list[Layer] | None:
-    """Return each linear layer with whether a ReLU follows it; None if there are other modules."""
+    """Return linear layers and whether a ReLU follows each; None for other module types."""
     layers: list[Layer] = []
     may_activate = False
     for module in modules:
@@ -39,7 +39,7 @@ def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) 
     Args:
         in_features: Size of the input.
         sizes: Output size of each layer.
-        activate_last: Whether a ReLU follows the last layer too.
+        activate_last: Whether to add a ReLU after the last layer.
 
     Returns:
         The layers in order.
@@ -47,11 +47,23 @@ def mlp(in_features: int, sizes: Sequence[int], *, activate_last: bool = False) 
     Raises:
         ValueError: If ``sizes`` is empty or a size is not positive.
 
+    Example:
+        >>> mlp(10, [128, 64, 2])
+        Perceptron(
+          (0): Linear(in_features=10, out_features=128, bias=True)
+          (1): ReLU(inplace=True)
+          (2): Linear(in_features=128, out_features=64, bias=True)
+          (3): ReLU(inplace=True)
+          (4): Linear(in_features=64, out_features=2, bias=True)
+        )
+
     Reference:
-        Paper Sec. IV-E (ReLU perceptrons); the initialisation follows the authors' precursor.
+        Paper Sec. IV-E (ReLU perceptrons); the initialization follows the authors' precursor.
     """
     if not sizes or any(size <= 0 for size in (in_features, *sizes)):
-        raise ValueError(f"in_features={in_features}, sizes={list(sizes)}: need positive sizes")
+        raise ValueError(
+            f"in_features={in_features}, sizes={list(sizes)}: must be positive and at least one"
+        )
     layers: list[nn.Module] = []
     for size in sizes:
         layer = nn.Linear(in_features, size)

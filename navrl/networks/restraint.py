@@ -1,4 +1,4 @@
-"""A penalty on large inputs of a tanh, added where gradients pass."""
+"""Tanh saturation penalty, added to the gradients in the backward pass."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 class _Restraint(torch.autograd.Function):
-    """The identity, whose gradient is that of an added loss ``weight * mean(sum(x**2, -1))``."""
+    """Identity function with the gradient of an added loss ``weight * mean(sum(x**2, -1))``."""
 
     @staticmethod
     def forward(ctx, value: Tensor, weight: float) -> Tensor:
@@ -23,17 +23,23 @@ class _Restraint(torch.autograd.Function):
 
 
 def restrain(value: Tensor, weight: float) -> Tensor:
-    """Return ``value`` and pull it towards zero in the backward pass.
+    """Return ``value`` unchanged and add the gradient of a saturation penalty in backward.
 
-    A policy gradient through tanh vanishes where its input is large: an actor that once drives at
-    full speed and full turn on every observation cannot learn its way back. The pull does not
-    vanish there. Acting as a gradient, it works under any loss that averages over the batch.
+    The policy gradient through a tanh vanishes for large inputs, so an actor that saturates on
+    every observation cannot recover. The gradient of the penalty does not vanish there. As it is
+    added in the backward pass, it works with any loss that averages over the batch.
 
     Args:
         value: ``[*B, A]`` inputs of the tanh.
-        weight: Of the penalty on the squared norm; 0 leaves everything as it is.
+        weight: Weight of the penalty on the squared norm; 0 disables it.
 
     Returns:
         ``value``, unchanged.
+
+    Example:
+        >>> value = torch.tensor([[3.0, -1.0]], requires_grad=True)
+        >>> restrain(value, weight=0.5).sum().backward()
+        >>> value.grad  # 1 + 2 * 0.5 * value
+        tensor([[4., 0.]])
     """
     return _Restraint.apply(value, weight) if weight > 0.0 else value

@@ -1,4 +1,4 @@
-"""The stream of what is no scan."""
+"""Encoder stream for low-dimensional inputs."""
 
 from __future__ import annotations
 
@@ -11,15 +11,21 @@ from navrl.networks.mlp import mlp
 
 
 class VectorStream(nn.Module):
-    """Pass what is no scan (waypoints, a goal) through a perceptron.
+    """Encoder stream for low-dimensional inputs (waypoints, goal): a multilayer perceptron.
 
     Args:
         in_key: TensorDict key of the input, of any shape.
-        shapes: Feature shape (without batch) of every available key; sizes the stream.
+        shapes: Feature shape (without batch) of every available key; determines layer sizes.
         hidden: Layer sizes, ReLU after each.
 
     Raises:
         ValueError: If the key is missing.
+
+    Example:
+        >>> import torch
+        >>> stream = VectorStream("waypoint", {"waypoint": [5, 2]}, hidden=[64, 32])
+        >>> stream(torch.zeros(4, 5, 2))[0].shape
+        torch.Size([4, 32])
     """
 
     has_attention = False

@@ -1,1 +1,1 @@
-"""Batched maths: plain tensors in, plain tensors out; no TensorDict, no configuration."""
+"""Batched geometry and scan processing on plain tensors; no TensorDict, no configuration."""

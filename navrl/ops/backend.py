@@ -1,4 +1,4 @@
-"""Which implementation of a function runs: the compiled kernel or the torch form."""
+"""Backend selection: compiled Numba kernels or the torch reference implementation."""
 
 import functools
 import importlib.util
@@ -14,27 +14,35 @@ BACKENDS = ("auto", "numba", "torch")
 
 
 def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
-    """Return whether a kernel is to run on these inputs, the one for their device.
+    """Return whether the compiled kernel should process these inputs.
 
     Args:
-        backend: ``auto`` takes the kernel wherever it can run: on tensors in single or double
-            precision that no gradient flows through, outside of ``torch.compile``; on the CPU, and
-            on a CUDA device if numba-cuda is installed. ``numba`` insists on it, ``torch`` on the
-            torch form.
-        inputs: what the function reads.
+        backend: ``auto`` selects the kernel whenever it supports the inputs: float32 or float64
+            tensors without gradients, outside of ``torch.compile``, on the CPU, or on a CUDA device
+            if numba-cuda is installed. ``numba`` requires the kernel; ``torch`` selects the torch
+            implementation.
+        inputs: Tensors that the function reads.
 
     Raises:
-        ValueError: ``backend`` is unknown, or ``numba`` with inputs that it cannot take.
+        ValueError: If ``backend`` is unknown, or is ``numba`` and the kernel does not support the
+            inputs.
+
+    Example:
+        >>> is_compiled("auto", torch.zeros(3)), is_compiled("torch", torch.zeros(3))
+        (True, False)
     """
     if backend not in BACKENDS:
-        raise ValueError(f"backend must be one of {', '.join(BACKENDS)}, got {backend!r}")
+        raise ValueError(f"backend={backend!r}: must be one of {', '.join(BACKENDS)}")
     if backend == "torch" or (backend == "auto" and torch.compiler.is_compiling()):
         return False
     for tensor in inputs:
         obstacle = _obstacle(tensor)
         if obstacle is not None:
             if backend == "numba":
-                raise ValueError(f"backend 'numba' cannot take {obstacle}")
+                raise ValueError(
+                    f"backend='numba': must be 'auto' or 'torch' for {obstacle}, which the kernel "
+                    "does not support"
+                )
             return False
     return True
 
@@ -52,16 +60,20 @@ def _obstacle(tensor: Tensor) -> str | None:
 
 
 def as_real(tensor: Tensor) -> Tensor:
-    """Return a tensor of integers as float32 and one of real numbers as it is.
+    """Return an integer tensor as float32 and a floating-point tensor unchanged.
 
-    Kernels write their results in the dtype of their input, which would cut off fractions.
+    Kernels write their results in the dtype of their input; an integer dtype would truncate them.
+
+    Example:
+        >>> as_real(torch.tensor([1, 2]))
+        tensor([1., 2.])
     """
     return tensor if tensor.is_floating_point() else tensor.float()
 
 
 @functools.cache
 def missing_for_cuda() -> str | None:
-    """Return what is missing to run kernels on a CUDA device, ``None`` if nothing is."""
+    """Return the missing requirement for kernels on a CUDA device, ``None`` if all are met."""
     if not torch.cuda.is_available():
         return "a CUDA device that torch can use"
     if importlib.util.find_spec("numba_cuda") is None:
@@ -70,29 +82,38 @@ def missing_for_cuda() -> str | None:
 
 
 def find_device(device: torch.device | str) -> torch.device:
-    """Return the device that ``cpu`` or ``cuda`` stands for, with its index.
+    """Resolve ``cpu`` or ``cuda`` to a torch device with its index.
 
     Raises:
-        ValueError: It is neither, or something is missing for it, naming what.
+        ValueError: If the device is neither, a requirement of it is missing, or it is not the
+            current CUDA device.
+
+    Example:
+        >>> find_device("cpu")
+        device(type='cpu')
     """
     kind, _, index = str(device).partition(":")
     if kind not in ("cpu", "cuda") or not (index.isdigit() or str(device) == kind):
-        raise ValueError(f"device must be cpu or cuda, got {str(device)!r}")
+        raise ValueError(f"device={str(device)!r}: must be cpu or cuda")
     if kind == "cpu":
         return torch.device("cpu")
     if missing_for_cuda() is not None:
-        raise ValueError(f"device={str(device)!r} needs {missing_for_cuda()}; device='cpu' works")
+        raise ValueError(f"device={str(device)!r}: needs {missing_for_cuda()}; device='cpu' works")
     current = torch.device("cuda", torch.cuda.current_device())
     if index and int(index) != current.index:
         raise ValueError(
-            f"device={str(device)!r}: the current CUDA device is {current}; choose another by "
-            "CUDA_VISIBLE_DEVICES"
+            f"device={str(device)!r}: must be the current CUDA device, {current}; select another "
+            "with CUDA_VISIBLE_DEVICES"
         )
     return current
 
 
 def check_same_device(**tensors: Tensor) -> None:
-    """Raise a ValueError that names each tensor's device unless all are on the same one."""
+    """Check that all tensors are on the same device.
+
+    Raises:
+        ValueError: If the devices differ; the message lists the device of each tensor.
+    """
     if len({tensor.device for tensor in tensors.values()}) > 1:
         devices = ", ".join(f"{name} on {tensor.device}" for name, tensor in tensors.items())
-        raise ValueError(f"all tensors must be on one device, got {devices}")
+        raise ValueError(f"{', '.join(tensors)}: must be on one device, got {devices}")

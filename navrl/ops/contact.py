@@ -1,21 +1,25 @@
-"""Whether a disc-shaped robot touches an oriented box, and who is to blame.
+"""Contact of a disc-shaped robot with oriented boxes, and classification of the at-fault party.
 
-Scalar functions in plain Python: the batched simulator's kernel is compiled from them, and a
-simulator of one robot calls them as they are.
+Scalar functions in plain Python: the kernel of the batched simulator is compiled from them, and the
+single-robot simulator calls them directly.
 """
 
 NONE, STATIC, PEDESTRIAN, RUN_INTO = range(4)  # codes of navrl.sim.Contact
 
-MOVING_SPEED = 0.05  # m/s; a robot driving slower than this hits nobody, others hit it
+MOVING_SPEED = 0.05  # m/s; a slower robot counts as stationary and is never at fault
 
 
 def nearest_point_on_box(
     x: float, y: float, cx: float, cy: float, hx: float, hy: float, cos: float, sin: float
 ) -> tuple[float, float]:
-    """Return the point of the box nearest to (x, y), which is (x, y) itself inside.
+    """Return the point of a box nearest to (x, y); a point inside the box is returned unchanged.
 
-    All lengths are in m: the box has its centre at (cx, cy) and half sizes (hx, hy), and ``cos``
-    and ``sin`` are those of its yaw.
+    All lengths are in m: the box has its center at (cx, cy) and half sizes (hx, hy); ``cos`` and
+    ``sin`` are those of its yaw.
+
+    Example:
+        >>> nearest_point_on_box(3.0, 0.5, cx=0.0, cy=0.0, hx=1.0, hy=1.0, cos=1.0, sin=0.0)
+        (1.0, 0.5)
     """
     along = cos * (x - cx) + sin * (y - cy)
     across = cos * (y - cy) - sin * (x - cx)
@@ -32,14 +36,20 @@ def nearest_point_on_box(
 def blame(
     x: float, y: float, cos_yaw: float, sin_yaw: float, v: float, px: float, py: float
 ) -> int:
-    """Return PEDESTRIAN if the robot moved into the pedestrian, RUN_INTO if it was hit.
+    """Classify a contact: PEDESTRIAN if the robot is at fault, RUN_INTO if the pedestrian is.
 
-    The robot is to blame if it drives faster than :data:`MOVING_SPEED` and the touched point lies
-    in the half-plane that it drives towards. Its centre is at (x, y), m, and it faces
-    (cos_yaw, sin_yaw); (px, py), m, is the pedestrian's point nearest to that centre.
+    The robot is at fault if it drives faster than :data:`MOVING_SPEED` and the contact point lies
+    in the half-plane of its direction of travel. Its center is at (x, y), m, and its heading is
+    (cos_yaw, sin_yaw); (px, py), m, is the pedestrian's point nearest to that center.
 
     Args:
-        v: the robot's forward speed, m/s, negative when it backs up.
+        v: Forward speed of the robot, m/s, negative in reverse.
+
+    Example:
+        >>> blame(0.0, 0.0, cos_yaw=1.0, sin_yaw=0.0, v=0.5, px=0.2, py=0.0) == PEDESTRIAN
+        True
+        >>> blame(0.0, 0.0, cos_yaw=1.0, sin_yaw=0.0, v=0.5, px=-0.2, py=0.0) == RUN_INTO
+        True
     """
     ahead = (px - x) * cos_yaw + (py - y) * sin_yaw
     if (v > MOVING_SPEED and ahead > 0.0) or (v < -MOVING_SPEED and ahead < 0.0):

@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 def point_box_distance(points: Tensor, boxes: Tensor) -> Tensor:
-    """Return how far points lie from boxes, zero inside.
+    """Return the distance from points to oriented boxes, zero inside.
 
     Args:
         points: ``[*B, 2]`` m.
@@ -15,6 +15,10 @@ def point_box_distance(points: Tensor, boxes: Tensor) -> Tensor:
 
     Returns:
         ``[*B, K]`` m; infinite for absent boxes.
+
+    Example:
+        >>> point_box_distance(torch.tensor([3.0, 0.0]), torch.tensor([[0.0, 0.0, 1.0, 1.0, 0.0]]))
+        tensor([2.])
     """
     offset = points.unsqueeze(-2) - boxes[..., :2]
     cos, sin = torch.cos(boxes[..., 4]), torch.sin(boxes[..., 4])

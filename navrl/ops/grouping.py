@@ -1,4 +1,4 @@
-"""Temporal accumulation group descriptors (TAGD): what moved between two aligned scans."""
+"""Temporal accumulation group descriptors (TAGD): obstacle motion between two aligned scans."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class GroupDescriptors(NamedTuple):
     tagd: Tensor
     """``[*B, N_c, 4]`` m, ``(c_{t-1}, c_t)`` in the robot frame at t."""
     valid: Tensor
-    """``[*B, N_c, 2]`` bool, whether the group at t-1 / at t has points."""
+    """``[*B, N_c, 2]`` bool, whether the group at t-1 / t has points."""
 
 
 def tagd(
@@ -39,40 +39,46 @@ def tagd(
     empty_scans: EmptyScans = "groups",
     backend: Backend = "auto",
 ) -> GroupDescriptors:
-    """Describe the nearest obstacle of each direction at two times.
+    """Describe the position of the nearest obstacle in each direction at two times.
 
-    Around each of ``num_groups`` rays the nearest return of scan t sets a group centre on the ray;
-    the returns of both scans within ``group_radius`` of the centre form two groups, and their two
-    centroids are the descriptor. On a static obstacle the centroids coincide; on a moving one
-    their difference is its motion in one step.
+    For each of ``num_groups`` rays the nearest return of scan t in the ray's sector sets a group
+    center on the ray. The returns of both scans within ``group_radius`` of the center form two
+    groups, whose centroids are the descriptor. For a static obstacle the centroids coincide; for a
+    moving one their difference is its displacement in one step.
 
     Args:
         points: ``[*B, N, 2]`` m, scan t in the robot frame at t.
-        returns: ``[*B, N]`` bool, which of them are real returns; the others are never used.
+        returns: ``[*B, N]`` bool, which points are real returns; the others are ignored.
         previous_points: ``[*B, M, 2]`` m, scan t-1 in the robot frame *at t* (already aligned).
         previous_returns: ``[*B, M]`` bool.
         num_groups: Number of rays N_c.
-        group_radius: Distance threshold d_thresh to the group centre, m.
-        max_range: Range d_max at which a ray without return has its group centre, m.
-        empty_now: Value of ``c_t`` if no return of scan t is in the group: ``"center"`` the
-            group's centre, or ``"zeros"``.
-        empty_previous: Value of ``c_{t-1}`` if no return of scan t-1 is in the group:
-            ``"current"`` equal to ``c_t`` (no apparent motion), ``"center"`` or ``"zeros"``.
-        empty_scans: What happens if neither scan has any return: ``"groups"`` fills each group by
-            the two rules above, ``"zeros"`` makes all descriptors zero.
+        group_radius: Distance threshold d_thresh to the group center, m.
+        max_range: Range d_max of the group center on a ray without a return, m.
+        empty_now: Value of ``c_t`` if the group has no return of scan t: ``"center"`` (the group
+            center) or ``"zeros"``.
+        empty_previous: Value of ``c_{t-1}`` if the group has no return of scan t-1: ``"current"``
+            (equal to ``c_t``, no apparent motion), ``"center"`` or ``"zeros"``.
+        empty_scans: Result if neither scan has any return: ``"groups"`` fills each group by the two
+            rules above, ``"zeros"`` sets all descriptors to zero.
         backend: See :mod:`navrl.ops.backend`; the kernel computes in float64.
 
     Returns:
-        The descriptors and which of their halves are real.
+        The descriptors and the validity of their two halves.
 
     Raises:
-        ValueError: If a shape or an argument is outside the above, naming it.
+        ValueError: If a shape or an argument is not as above; the message names it.
+
+    Example:
+        >>> now, before = torch.tensor([[1.0, 0.0]]), torch.tensor([[1.1, 0.0]])
+        >>> is_return = torch.tensor([True])
+        >>> tagd(now, is_return, before, is_return, num_groups=4).tagd[0]
+        tensor([1.1000, 0.0000, 1.0000, 0.0000])
 
     Reference:
-        Paper Sec. IV-A, Algorithm 1. Readings: the loop runs over i = 0 .. N_c - 1; the angle
+        Paper Sec. IV-A, Algorithm 1. Interpretation: the loop runs over i = 0 .. N_c - 1; the angle
         difference is wrapped, and a point on a border belongs to both sectors; the centroid of an
-        empty group, which the paper leaves undefined, is filled as above; the defaults show an
-        absent obstacle as one at rest. ``empty_scans="zeros"`` is the authors' precursor.
+        empty group, which the paper leaves undefined, is filled as above; with the defaults an
+        absent obstacle appears static. ``empty_scans="zeros"`` follows the authors' precursor.
     """
     _check_scan("points", points, "returns", returns)
     _check_scan("previous_points", previous_points, "previous_returns", previous_returns)
@@ -117,16 +123,20 @@ def _tagd_compiled(scans: tuple[Tensor, ...], options: tuple) -> GroupDescriptor
 
 
 def group_centers(points: Tensor, returns: Tensor, num_groups: int, max_range: float) -> Tensor:
-    """Return the group centres g_i of Algorithm 1.
+    """Return the group centers g_i of Algorithm 1.
 
     Args:
         points: ``[*B, N, 2]`` m, finite, robot frame.
         returns: ``[*B, N]`` bool.
         num_groups: Number of rays N_c; ray i points at ``2*pi*i/N_c``.
-        max_range: Distance of the centre on a ray whose sector has no return, m.
+        max_range: Distance of the center on a ray whose sector has no return, m.
 
     Returns:
-        ``[*B, N_c, 2]`` m: on each ray, at the distance of the nearest return of its sector.
+        ``[*B, N_c, 2]`` m: on each ray, at the distance of the nearest return in its sector.
+
+    Example:
+        >>> group_centers(torch.tensor([[1.0, 0.0]]), torch.tensor([True]), 4, max_range=3.5)[0]
+        tensor([1., 0.])
     """
     ray = torch.arange(num_groups, device=points.device, dtype=points.dtype)
     ray = ray * (2.0 * math.pi / num_groups)
@@ -161,12 +171,16 @@ def check_grouping(
     empty_previous: EmptyPrevious,
     empty_scans: EmptyScans,
 ) -> None:
-    """Raise a ValueError that names the argument of :func:`tagd` which cannot be."""
+    """Check the options of :func:`tagd`.
+
+    Raises:
+        ValueError: If an option is out of range; the message names it.
+    """
     if num_groups < 1:
-        raise ValueError(f"num_groups must be at least 1, got {num_groups}")
+        raise ValueError(f"num_groups={num_groups}: must be at least 1")
     for name, value in (("group_radius", group_radius), ("max_range", max_range)):
         if not value > 0.0:
-            raise ValueError(f"{name} must be positive (m), got {value}")
+            raise ValueError(f"{name}={value}: must be positive (m)")
     options = {
         "empty_now": (empty_now, ("center", "zeros")),
         "empty_previous": (empty_previous, ("current", "center", "zeros")),
@@ -174,14 +188,14 @@ def check_grouping(
     }
     for name, (value, allowed) in options.items():
         if value not in allowed:
-            raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+            raise ValueError(f"{name}={value!r}: must be one of {', '.join(allowed)}")
 
 
 def _check_scan(points_name: str, points: Tensor, returns_name: str, returns: Tensor) -> None:
     if points.ndim < 2 or points.shape[-1] != 2:
-        raise ValueError(f"{points_name} must have shape [*B, N, 2], got {tuple(points.shape)}")
+        raise ValueError(f"{points_name}: must have shape [*B, N, 2], got {tuple(points.shape)}")
     if returns.shape != points.shape[:-1] or returns.dtype != torch.bool:
         raise ValueError(
-            f"{returns_name} must be bool of shape {tuple(points.shape[:-1])}, "
+            f"{returns_name}: must be bool of shape {tuple(points.shape[:-1])}, "
             f"got {returns.dtype} of shape {tuple(returns.shape)}"
         )

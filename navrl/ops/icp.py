@@ -1,4 +1,4 @@
-"""Iterative closest points (ICP): the motion between two lidar scans, from the scans alone."""
+"""Iterative closest point (ICP): rigid motion between two lidar scans."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from navrl.ops.returns import finite_returns
 from navrl.ops.rigid_fit import fit_rigid
 from navrl.ops.rotation_search import rotation_search
 
-PAIRS_PER_BLOCK = 2**22  # memory bound of the nearest-neighbour search, elements
+PAIRS_PER_BLOCK = 2**22  # memory bound of the nearest-neighbor search, elements
 
 
 class Alignment(NamedTuple):
@@ -25,13 +25,13 @@ class Alignment(NamedTuple):
     transform: Tensor
     """``[*B, 3]`` (m, m, rad) T_target_source; identity where the alignment failed."""
     converged: Tensor
-    """``[*B]`` bool, whether the last step was below the tolerances, with enough matches."""
+    """``[*B]`` bool, whether the last step was below the tolerances with enough matches."""
     inliers: Tensor
     """``[*B]`` int64, matched pairs of the last iteration."""
     rmse: Tensor
-    """``[*B]`` m, root mean square distance of these pairs before the last step; 0 without."""
+    """``[*B]`` m, root mean square distance of these pairs before the last step; 0 if none."""
     iterations: Tensor
-    """``[*B]`` int64, iterations spent over all stages."""
+    """``[*B]`` int64, iterations of all stages."""
 
 
 def align(
@@ -43,38 +43,47 @@ def align(
     backend: Backend = "auto",
     seen: Tensor | None = None,
 ) -> Alignment:
-    """Find the rigid motion that lays one scan over another.
+    """Estimate the rigid motion that aligns a source scan with a target scan.
 
-    Each sample of the batch iterates on its own and is frozen as soon as it converges, so a result
-    does not depend on the rest of the batch, but for rounding. Points that are no returns are
-    never used: the circle of maximum ranges stays where it is whatever the robot does, and would
-    pull towards no motion.
+    Each sample of the batch iterates independently and is frozen once it converges, so its result
+    does not depend on the rest of the batch except for rounding. Points that are no returns are
+    ignored: the circle of maximum ranges does not move with the robot and would bias the estimate
+    towards no motion.
 
     Args:
         source_points: ``[*B, N, 2]`` m, e.g. scan t-1 in its own frame.
-        source_returns: ``[*B, N]`` bool, which points are real; those not finite never are.
+        source_returns: ``[*B, N]`` bool, which points are real returns; non-finite points are
+            ignored.
         target_points: ``[*B, M, 2]`` m, e.g. scan t in its own frame.
         target_returns: ``[*B, M]`` bool.
-        options: How to align.
-        backend: See :mod:`navrl.ops.backend`. The kernel computes in float64 and is the faster the
-            nearer its target is to an ordered scan of as many points as the source.
-        seen: ``[*B, N]`` bool, bearings covered, for the rotation search; None for a full circle.
+        options: Settings of the alignment.
+        backend: See :mod:`navrl.ops.backend`. The kernel computes in float64 and is fastest if the
+            target is ordered by bearing and has as many points as the source.
+        seen: ``[*B, N]`` bool, bearings covered by the scanner, for the rotation search; None for a
+            full circle.
 
     Returns:
         The alignment; ``se2.transform_points(result.transform, source_points)`` is the source scan
         in the target's frame.
 
     Raises:
-        ValueError: If a shape does not fit, naming it.
+        ValueError: If a shape does not match; the message names it.
+
+    Example:
+        >>> source = torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]).repeat(4, 1)
+        >>> is_return = torch.ones(12, dtype=torch.bool)
+        >>> target = source + torch.tensor([0.1, 0.0])
+        >>> align(source, is_return, target, is_return).transform.round(decimals=3).abs()
+        tensor([0.1000, 0.0000, 0.0000])
 
     Reference:
-        Paper Sec. IV-A names ICP by least squares without settings; see :class:`IcpOptions`. The
+        Paper Sec. IV-A specifies least-squares ICP without settings; see :class:`IcpOptions`. The
         rotation search and the point-to-line stage are additions.
     """
     _check_scans(source_points, source_returns, target_points, target_returns, options)
     if seen is not None and (seen.shape != source_returns.shape or seen.dtype != torch.bool):
         shapes = f"{tuple(source_returns.shape)}, got {seen.dtype} of shape {tuple(seen.shape)}"
-        raise ValueError(f"seen must be bool of shape {shapes}")
+        raise ValueError(f"seen: must be bool of shape {shapes}")
     source_points, target_points = as_real(source_points), as_real(target_points)
     scans = (source_points, source_returns, target_points, target_returns)
     if is_compiled(backend, *scans):
@@ -117,7 +126,7 @@ def _align(
     target_returns: Tensor,
     seen: Tensor | None = None,
 ) -> Alignment:
-    """Align one block ``[S, N, 2]`` of sanitised scans through all stages."""
+    """Align one block ``[S, N, 2]`` of sanitized scans through all stages."""
     transform = source.new_zeros(source.shape[0], 3)
     if options.initialization == "rotation_search":
         transform[:, 2] = rotation_search(
@@ -137,7 +146,7 @@ def _align(
 def _iterate(
     state: Alignment, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
 ) -> None:
-    """Step every sample of ``state`` in place until it converges, fails or runs out of steps."""
+    """Iterate every sample of ``state`` in place until it converges, fails or hits the limit."""
     running = torch.arange(len(state.transform), device=state.transform.device)
     for _ in range(options.max_iterations):
         if running.numel() == 0:
@@ -166,7 +175,7 @@ def _iterate(
 
 
 def _nearest(points: Tensor, target: Tensor, target_returns: Tensor) -> tuple[Tensor, Tensor]:
-    """Return squared distance and index ``[S, N]`` of the nearest real target point."""
+    """Return squared distance and index ``[S, N]`` of the nearest target return."""
     target = torch.where(target_returns.unsqueeze(-1), target, math.inf)
     x = points[:, :, None, 0] - target[:, None, :, 0]
     y = points[:, :, None, 1] - target[:, None, :, 1]
@@ -182,7 +191,8 @@ def _line_step(
 ) -> Tensor:
     """Return the Gauss-Newton step ``[S, 3]`` for distances to the matched lines.
 
-    Where the target has no line the pair counts as two points; along a line it counts a little.
+    Where the target has no line, the pair contributes its point-to-point distance. Along a line,
+    the residual has the small weight ``SLIDE_WEIGHT``.
     """
     offset = points - closest
     across = (offset * lines.normal).sum(-1)
@@ -229,11 +239,11 @@ def _check_scans(
     ):
         if points.ndim < 2 or points.shape[-1] != 2 or points.shape[-2] < 1:
             raise ValueError(
-                f"{name}_points must have shape [*B, N, 2] with N >= 1, got {tuple(points.shape)}"
+                f"{name}_points: must have shape [*B, N, 2] with N >= 1, got {tuple(points.shape)}"
             )
         if returns.shape != points.shape[:-1] or returns.dtype != torch.bool:
             raise ValueError(
-                f"{name}_returns must be bool of shape {tuple(points.shape[:-1])}, "
+                f"{name}_returns: must be bool of shape {tuple(points.shape[:-1])}, "
                 f"got {returns.dtype} of shape {tuple(returns.shape)}"
             )
     check_same_device(
@@ -244,11 +254,11 @@ def _check_scans(
     )
     if source_points.shape[:-2] != target_points.shape[:-2]:
         raise ValueError(
-            f"source_points and target_points must have the same batch, "
+            f"source_points, target_points: must have the same batch shape, "
             f"got {tuple(source_points.shape)} and {tuple(target_points.shape)}"
         )
     if options.initialization == "rotation_search" and source_points.shape != target_points.shape:
         raise ValueError(
-            f"initialization 'rotation_search' needs as many source as target points, "
+            f"initialization='rotation_search': must have as many source as target points, "
             f"got {source_points.shape[-2]} and {target_points.shape[-2]}"
         )

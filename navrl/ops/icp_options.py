@@ -1,4 +1,4 @@
-"""Options of the scan alignment, shared by its kernel and its reference."""
+"""Options of the scan alignment, shared by the kernel and the torch reference."""
 
 from __future__ import annotations
 
@@ -6,36 +6,38 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-SLIDE_WEIGHT = 0.01  # of the residual along a line: keeps a corridor without end well posed
-DAMPING = 1e-6  # keeps the normal equations solvable when the points say nothing
+SLIDE_WEIGHT = 0.01  # weight of the residual along a line; keeps an endless corridor well posed
+DAMPING = 1e-6  # added to the normal equations so that degenerate scans remain solvable
 
 
 @dataclass(frozen=True)
 class IcpOptions:
-    """How :func:`navrl.ops.icp.align` works; the defaults are the plain ICP of the paper's method.
+    """Settings of :func:`navrl.ops.icp.align`; the defaults are the plain ICP of the paper.
 
     Args:
-        initialization: ``"identity"`` starts from no motion. ``"rotation_search"`` first turns the
-            range profile of one scan over the other, which needs both scans to be ordered by
-            bearing, evenly spaced, and of as many points.
-        metric: ``"point_to_point"`` minimises distances between matched points.
-            ``"point_to_line"`` continues from there, minimising distances to the line through
-            each target point and its neighbours, which needs the target ordered by bearing.
-        gate: Matches farther apart than this are not used, m.
+        initialization: ``"identity"`` starts from no motion. ``"rotation_search"`` first correlates
+            the range profiles of the two scans, which must be ordered by bearing, evenly spaced and
+            of equal length.
+        metric: ``"point_to_point"`` minimizes distances between matched points.
+            ``"point_to_line"`` continues from that result and minimizes distances to the line
+            through each target point and its neighbors; the target must be ordered by bearing.
+        gate: Largest distance of a match, m; farther pairs are rejected.
         robust_scale: Scale of the Geman-McClure weight ``1 / (1 + (r / scale)^2)^2`` of the
-            point-to-line stage, m: what moves loses its say. None weighs all matches alike.
-        max_iterations: Bound on the iterations of each stage.
-        rotation_tolerance: A stage has converged when a step turns less than this, rad, and
-        translation_tolerance: moves less than this, m.
-        min_pairs: With fewer matches the alignment has failed: identity, not converged.
-        search_range: Largest turn the rotation search considers to either side, rad.
+            point-to-line stage, m, by which moving obstacles are down-weighted as outliers. None
+            gives all matches equal weight.
+        max_iterations: Largest number of iterations of each stage.
+        rotation_tolerance: A stage has converged when a step rotates by less than this, rad, and
+            translates by less than ``translation_tolerance``.
+        translation_tolerance: See ``rotation_tolerance``, m.
+        min_pairs: With fewer matches the alignment fails: identity, not converged.
+        search_range: Largest rotation of the rotation search to either side, rad.
 
     Raises:
-        ValueError: If an option is not as above, naming it.
+        ValueError: If an option is not as above; the message names it.
 
     Reference:
-        Paper Sec. IV-A, ICP by least squares (Arun et al. 1987), its settings left open; the
-        defaults are those of the authors' precursor.
+        Paper Sec. IV-A, least-squares ICP (Arun et al. 1987), whose settings the paper does not
+        give; the defaults are those of the authors' precursor.
     """
 
     initialization: Literal["identity", "rotation_search"] = "identity"
@@ -56,17 +58,17 @@ class IcpOptions:
         for name, values in allowed.items():
             if getattr(self, name) not in values:
                 raise ValueError(
-                    f"{name} must be one of {', '.join(values)}, got {getattr(self, name)!r}"
+                    f"{name}={getattr(self, name)!r}: must be one of {', '.join(values)}"
                 )
         positive = ["gate", "max_iterations", "rotation_tolerance", "translation_tolerance"]
         positive += ["search_range"] + ([] if self.robust_scale is None else ["robust_scale"])
         for name in positive:
             if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+                raise ValueError(f"{name}={getattr(self, name)}: must be positive")
         if self.min_pairs < 2:
-            raise ValueError(f"min_pairs must be at least 2, got {self.min_pairs}")
+            raise ValueError(f"min_pairs={self.min_pairs}: must be at least 2")
         if self.search_range > math.pi:
-            raise ValueError(f"search_range must be at most pi rad, got {self.search_range}")
+            raise ValueError(f"search_range={self.search_range}: must be at most pi rad")
 
 
 PAPER = IcpOptions()

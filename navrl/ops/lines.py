@@ -1,4 +1,4 @@
-"""The line that a scan's surface follows at each of its points."""
+"""Local line fits of a scan: the surface direction at each point."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-HALF_WINDOW = 3  # neighbours on each side
-REACH_M = 0.4  # neighbours farther from the point are on another surface
-MIN_POINTS = 4  # fewer do not tell a line from noise
-MAX_THICKNESS = 0.1  # variance across over variance along the line; above it is a corner or a blob
+HALF_WINDOW = 3  # neighbors on each side
+REACH_M = 0.4  # farther neighbors are assumed to lie on another surface
+MIN_POINTS = 4  # fewer points do not distinguish a line from noise
+MAX_THICKNESS = 0.1  # variance across / variance along the line; a corner or blob exceeds it
 
 
 class ScanLines(NamedTuple):
@@ -19,19 +19,25 @@ class ScanLines(NamedTuple):
     normal: Tensor
     """``[*B, N, 2]`` unit normal of the line, either sign."""
     is_line: Tensor
-    """``[*B, N]`` bool, whether a line fits."""
+    """``[*B, N]`` bool, whether the neighborhood of the point is a line."""
 
 
 def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
-    """Fit a line to each point and its neighbours by total least squares.
+    """Fit a line to each point and its neighbors by total least squares.
 
     Args:
-        points: ``[*B, N, 2]`` m, finite, ordered by bearing over the whole circle.
-        returns: ``[*B, N]`` bool; the others are no neighbours.
+        points: ``[*B, N, 2]`` m, finite, ordered by bearing over the full circle.
+        returns: ``[*B, N]`` bool; points that are no returns are excluded.
 
     Returns:
-        The lines, through the points themselves, along the larger principal axis, whose direction
-        has the closed form ``0.5 * atan2(2 s_xy, s_xx - s_yy)``.
+        Lines through the points themselves, along the larger principal axis, whose direction has
+        the closed form ``0.5 * atan2(2 s_xy, s_xx - s_yy)``.
+
+    Example:
+        >>> wall = torch.stack([torch.ones(9), torch.linspace(-0.4, 0.4, 9)], dim=-1)
+        >>> lines = fit_lines(wall, torch.ones(9, dtype=torch.bool))
+        >>> lines.is_line[4], lines.normal[4].abs().round(decimals=3)
+        (tensor(True), tensor([1., 0.]))
     """
     shifts = range(-HALF_WINDOW, HALF_WINDOW + 1)
     neighbour = torch.stack([points.roll(-k, -2) for k in shifts], dim=-2)  # [*B, N, 2W+1, 2]

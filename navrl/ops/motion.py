@@ -1,4 +1,4 @@
-"""Sampled commands, the motion of points seen by the lidar, and the clearance between them."""
+"""Command sampling, motion of scan points, and clearance of sampled trajectories."""
 
 from __future__ import annotations
 
@@ -8,31 +8,36 @@ import torch
 from torch import Tensor
 
 FAR = 100.0
-"""m, where points go that are no obstacle."""
+"""Coordinate assigned to points that are no obstacle, m."""
 
 
 def sample_commands(
     min_speed: float, max_speed: float, max_turn_rate: float, num_speeds: int, num_turn_rates: int
 ) -> Tensor:
-    """Return a grid of commands that includes straight on and, if the limits allow it, a stop.
+    """Return a grid of commands that includes straight motion and, within the limits, a stop.
 
     Args:
-        min_speed: m/s; the speed nearest to zero becomes zero if it is not positive.
-        max_speed: m/s.
-        max_turn_rate: rad/s, to either side.
-        num_speeds: At least 2.
-        num_turn_rates: Odd and at least 3.
+        min_speed: Smallest forward speed, m/s; if it is not positive, the sample nearest to zero is
+            set to zero.
+        max_speed: Largest forward speed, m/s.
+        max_turn_rate: Largest turn rate to either side, rad/s.
+        num_speeds: Number of speeds, at least 2.
+        num_turn_rates: Number of turn rates, odd and at least 3.
 
     Returns:
         ``[num_speeds * num_turn_rates, 2]`` (v, w), m/s and rad/s.
 
     Raises:
         ValueError: If a number of samples is not as above.
+
+    Example:
+        >>> sample_commands(0.0, 0.5, 1.0, num_speeds=2, num_turn_rates=3)[:3].tolist()
+        [[0.0, -1.0], [0.0, 0.0], [0.0, 1.0]]
     """
     if num_speeds < 2 or num_turn_rates < 3 or not num_turn_rates % 2:
         raise ValueError(
-            f"num_speeds={num_speeds}: need at least 2; "
-            f"num_turn_rates={num_turn_rates}: need an odd number of at least 3"
+            f"num_speeds={num_speeds}: must be at least 2; "
+            f"num_turn_rates={num_turn_rates}: must be odd and at least 3"
         )
     speeds = torch.linspace(min_speed, max_speed, num_speeds)
     if min_speed <= 0.0 <= max_speed:
@@ -51,21 +56,28 @@ def point_motion(
     most: float,
     group_radius: float,
 ) -> Tensor:
-    """Return how far each point moves in a step, if it belongs to a descriptor that moved.
+    """Return the predicted displacement of each point in one step, from the group descriptors.
 
-    A descriptor (c_{t-1}, c_t) is where a group was and is: it is taken to walk on like that, and
-    so are the points around it.
+    A descriptor (c_{t-1}, c_t) holds the previous and current position of a group. Groups and the
+    points around them are assumed to keep their velocity.
 
     Args:
         points: ``[N, P, 2]`` m, robot frame.
         tagd: ``[N, G, 4]`` m, (c_{t-1}, c_t) in the same frame.
-        valid: ``[N, G, 2]`` bool, which halves are real.
-        least: m a step; slower is noise of scan and alignment.
-        most: m a step; faster is a mismatch.
-        group_radius: m around c_t within which points move with it.
+        valid: ``[N, G, 2]`` bool, whether the group at t-1 / t has points.
+        least: Smallest displacement of a moving group, m per step; less is treated as noise of scan
+            and alignment.
+        most: Largest displacement of a moving group, m per step; more is treated as a mismatch.
+        group_radius: Radius around c_t within which points move with the group, m.
 
     Returns:
-        ``[N, P, 2]`` m a step, zero for what stands.
+        ``[N, P, 2]`` m per step, zero for static points.
+
+    Example:
+        >>> points, moving = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[[1.1, 0.0, 1.0, 0.0]]])
+        >>> valid = torch.ones(1, 1, 2, dtype=torch.bool)
+        >>> point_motion(points, moving, valid, least=0.05, most=0.5, group_radius=0.25)
+        tensor([[[-0.1000,  0.0000]]])
     """
     before, now = tagd.split(2, dim=-1)
     motion = now - before
@@ -78,16 +90,21 @@ def point_motion(
 
 
 def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[float]) -> Tensor:
-    """Return the distance from each place on an arc to the nearest point at that time.
+    """Return the distance from each trajectory position to the nearest point at the same time.
 
     Args:
-        places: ``[N, S, T, 2]`` m, on S arcs at T times, robot frame of time 0.
-        points: ``[N, P, 2]`` m at time 0; what is no obstacle lies :data:`FAR` away.
-        motion: ``[N, P, 2]`` m a step.
-        steps: T times, in steps.
+        places: ``[N, S, T, 2]`` m, positions on S trajectories at T times, robot frame at time 0.
+        points: ``[N, P, 2]`` m, positions at time 0, :data:`FAR` for points that are no obstacle.
+        motion: ``[N, P, 2]`` m per step, displacement of the points.
+        steps: The T times, in steps.
 
     Returns:
         ``[N, S, T]`` m.
+
+    Example:
+        >>> places, points = torch.zeros(1, 1, 2, 2), torch.tensor([[[1.0, 0.0]]])
+        >>> room_along(places, points, torch.tensor([[[-0.5, 0.0]]]), steps=[0.0, 1.0])
+        tensor([[[1.0000, 0.5000]]])
     """
     gaps = [
         torch.cdist(places[:, :, k], points + step * motion).amin(-1)

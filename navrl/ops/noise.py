@@ -1,7 +1,7 @@
-"""Range noise that depends on (seed, step, beam) alone.
+"""Counter-based range noise that depends only on (seed, step, beam).
 
-A counter-based generator: no state to save, the same noise for an episode on every simulator, in
-any batch and at any position of it. One hash gives the table rows of four beams.
+The generator has no state to save: an episode gets the same noise on every simulator, in any batch
+and at any position in it. One hash provides the table rows of four beams.
 """
 
 import math
@@ -13,22 +13,30 @@ from navrl.ops.backend import Backend, is_compiled
 from navrl.ops.beams import HIT_MARGIN
 
 TABLE_SIZE = 4096
-# splitmix64 (Steele, Lea, Flood 2014) as signed 64-bit numbers, which is what torch multiplies
+# splitmix64 (Steele, Lea, Flood 2014) as signed 64-bit integers, because torch multiplies int64
 _GOLDEN = -7046029254386353131  # 0x9E3779B97F4A7C15
 _MIX_1 = -4658895280553007687  # 0xBF58476D1CE4E5B9
 _MIX_2 = -7723592293110705685  # 0x94D049BB133111EB
 
 
 def noise_table(kind: str, amplitude: float) -> Tensor:
-    """Quantiles that the noise is drawn from, at the middles of 4,096 equal slices.
+    """Return the quantiles of a noise distribution at the midpoints of 4,096 equal slices.
 
     Args:
-        kind: ``gaussian`` (standard deviation = amplitude, ends at 3.7 amplitudes), ``uniform``
-            (within +-amplitude) or ``none``.
-        amplitude: m.
+        kind: ``gaussian`` (standard deviation = amplitude, truncated at 3.7 amplitudes),
+            ``uniform`` (within +-amplitude) or ``none``.
+        amplitude: Scale of the noise, m.
 
     Returns:
-        [4096] float32 m, mean zero.
+        [4096] float32 m, zero mean.
+
+    Raises:
+        ValueError: If ``kind`` is unknown, or ``amplitude`` is negative or not finite.
+
+    Example:
+        >>> table = noise_table("uniform", 0.01)
+        >>> table.shape, table.max().round(decimals=3)
+        (torch.Size([4096]), tensor(0.0100))
     """
     middle = (torch.arange(TABLE_SIZE, dtype=torch.float64) + 0.5) / TABLE_SIZE
     if kind == "gaussian":
@@ -39,9 +47,9 @@ def noise_table(kind: str, amplitude: float) -> Tensor:
     elif kind == "none":
         quantiles = torch.zeros_like(middle)
     else:
-        raise ValueError(f"noise must be gaussian, uniform or none, got {kind!r}")
+        raise ValueError(f"noise={kind!r}: must be gaussian, uniform or none")
     if not (amplitude >= 0.0 and math.isfinite(amplitude)):
-        raise ValueError(f"noise amplitude must be finite and not negative, got {amplitude}")
+        raise ValueError(f"noise amplitude={amplitude}: must be finite and not negative (m)")
     return (amplitude * quantiles).to(torch.float32)
 
 
@@ -53,33 +61,44 @@ def add_range_noise(
     max_range: float,
     backend: Backend = "auto",
 ) -> Tensor:
-    """Return noisy ranges; beams without a return keep exactly ``max_range``.
+    """Add noise to ranges; beams without a return retain exactly ``max_range``.
 
-    Noise never makes a miss of a hit nor a hit of a miss: hits stay in [0, max_range - 1 mm].
+    Noise never turns a hit into a miss or a miss into a hit: hits stay in [0, max_range - 1 mm].
 
     Args:
         ranges: [N, beams] float32 m.
-        seed: [N] int64, of each world's episode.
-        step: [N] int64, scans since the episode's start.
-        table: [4096] float32 m, from :func:`noise_table`, on the ranges' device.
-        max_range: m; a range at or above it is no return.
-        backend: see :mod:`navrl.ops.backend`; all agree bit for bit.
+        seed: [N] int64, episode seed of each world.
+        step: [N] int64, number of scans since the start of the episode.
+        table: [4096] float32 m, from :func:`noise_table`, on the device of ``ranges``.
+        max_range: Range of the sensor, m; a range at or above it is no return.
+        backend: See :mod:`navrl.ops.backend`; all backends agree bit for bit.
 
     Returns:
         [N, beams] float32 m, a new tensor.
+
+    Raises:
+        ValueError: If a shape or dtype is not as above; the message names it.
+
+    Example:
+        >>> clean, table = torch.tensor([[1.0, 3.5]]), noise_table("gaussian", 0.01)
+        >>> noisy = add_range_noise(clean, torch.tensor([7]), torch.tensor([0]), table, 3.5)
+        >>> bool((noisy - clean)[0, 0].abs() < 0.05), float(noisy[0, 1])
+        (True, 3.5)
     """
     if ranges.ndim != 2 or ranges.dtype != torch.float32:
         raise ValueError(
-            f"ranges must be [N, beams] float32, got {list(ranges.shape)} {ranges.dtype}"
+            f"ranges: must be [N, beams] float32, got {list(ranges.shape)} {ranges.dtype}"
         )
     num_worlds = ranges.shape[0]
     for name, counter in (("seed", seed), ("step", step)):
         if counter.shape != (num_worlds,) or counter.dtype != torch.int64:
             raise ValueError(
-                f"{name} must be [{num_worlds}] int64, got {list(counter.shape)} {counter.dtype}"
+                f"{name}: must be [{num_worlds}] int64, got {list(counter.shape)} {counter.dtype}"
             )
     if table.shape != (TABLE_SIZE,) or table.dtype != torch.float32:
-        raise ValueError(f"table must be [{TABLE_SIZE}] float32, got {list(table.shape)}")
+        raise ValueError(
+            f"table: must be [{TABLE_SIZE}] float32, got {list(table.shape)} {table.dtype}"
+        )
     if is_compiled(backend, ranges, seed, step, table):
         from navrl.ops.kernels.noise import add_noise
 
@@ -90,7 +109,7 @@ def add_range_noise(
 
 
 def _table_rows(seed: Tensor, step: Tensor, num_beams: int) -> Tensor:
-    """Return [N, num_beams] int64 in [0, 4096): twelve bits of a hash each, four beams a hash."""
+    """Return [N, num_beams] int64 in [0, 4096): twelve bits of a hash per beam, four per hash."""
     key = _mix(_mix(seed + _GOLDEN) + step)
     beam = torch.arange(num_beams, device=seed.device)
     word = _mix(key[:, None] + _GOLDEN * (beam // 4 + 1))
@@ -98,7 +117,7 @@ def _table_rows(seed: Tensor, step: Tensor, num_beams: int) -> Tensor:
 
 
 def _mix(word: Tensor) -> Tensor:
-    """splitmix64's finaliser; int64 arithmetic wraps around, right shifts fill with zeros."""
+    """Apply the splitmix64 finalizer; int64 arithmetic wraps, right shifts fill with zeros."""
     word = (word ^ _shift_right(word, 30)) * _MIX_1
     word = (word ^ _shift_right(word, 27)) * _MIX_2
     return word ^ _shift_right(word, 31)

@@ -1,7 +1,7 @@
-"""Arc length on a global path: where the robot is along it, and what lies ahead.
+"""Arc-length parametrization of a global path: projection of a position, points ahead, length.
 
-A path is a polyline ``[*B, P, 2]`` in m, any frame; repeating its last point (padding) changes
-nothing. All functions are batched over ``*B``.
+A path is a polyline ``[*B, P, 2]`` in m, any frame; repeating its last point (padding) does not
+change the results. All functions are batched over ``*B``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class PathProjection(NamedTuple):
     progress: Tensor
     """``[*B]`` m, arc length from the path's first point to the projection."""
     distance: Tensor
-    """``[*B]`` m, from the position to the projection."""
+    """``[*B]`` m, distance from the position to the projection."""
 
 
 def project_onto_path(
@@ -33,40 +33,45 @@ def project_onto_path(
     behind: float = 0.0,
     backend: Backend = "auto",
 ) -> PathProjection:
-    """Find the closest point of the path near the place where the robot was before.
+    """Find the closest point of the path within a window around the previous projection.
 
-    Only the stretch from ``behind`` m before to ``ahead`` m after the previous progress is
-    searched, and ahead only until the path has led :data:`LEAVING_RATIO` times as far from the
-    position as the nearest point found so far. So the projection stays on its branch where the path
-    crosses or approaches itself, and passes on to the next leg only near the bend between the two,
-    as a robot does that cuts a corner. With ``behind=0`` it never goes back.
+    The search window reaches from ``behind`` m before to ``ahead`` m after the previous progress.
+    Ahead, the search also ends where the path is :data:`LEAVING_RATIO` times as far from the
+    position as the nearest point found so far. The projection therefore stays on its branch where
+    the path crosses or approaches itself, and moves on to the next leg only near the bend between
+    the two, as for a robot that cuts a corner. With ``behind=0`` progress never decreases.
 
     Args:
-        path: ``[*B, P, 2]`` m, P >= 2. With a position in float64, or the other way round, both
-            are, so that large coordinates keep their digits; integers are read as float32.
+        path: ``[*B, P, 2]`` m, P >= 2. If the path or the position is float64, both are computed in
+            float64 to preserve the digits of large coordinates; integers are read as float32.
         position: ``[*B, 2]`` m, same frame.
         previous_progress: ``[*B]`` m, arc length of the previous projection. None searches the
             whole path, as at the start of an episode.
-        ahead: Length of the searched stretch after the previous progress, m.
-        behind: Length of the searched stretch before it, m.
+        ahead: Length of the search window after the previous progress, m.
+        behind: Length of the search window before the previous progress, m.
         backend: See :mod:`navrl.ops.backend`.
 
     Returns:
         The arc length of the projection and its distance.
 
     Raises:
-        ValueError: If a shape or a length is outside the above, naming it.
+        ValueError: If a shape or a length is not as above; the message names it.
+
+    Example:
+        >>> path = torch.tensor([[0.0, 0.0], [4.0, 0.0]])
+        >>> project_onto_path(path, torch.tensor([1.0, 0.5]))
+        PathProjection(progress=tensor(1.), distance=tensor(0.5000))
 
     Reference:
-        Paper Sec. IV-C, the closest point p^c on the path P; the paper does not say what
-        happens where the path crosses itself.
+        Paper Sec. IV-C, the closest point p^c on the path P; the paper does not define the case
+        of a path that crosses itself.
     """
     _check_path(path)
     if position.shape[-1:] != (2,):
-        raise ValueError(f"position must have shape [*B, 2], got {tuple(position.shape)}")
+        raise ValueError(f"position: must have shape [*B, 2], got {tuple(position.shape)}")
     if position.shape[:-1] != path.shape[:-2]:
         raise ValueError(
-            f"position must have the path's batch {tuple(path.shape[:-2])}, "
+            f"position: must have the batch shape of the path {tuple(path.shape[:-2])}, "
             f"got shape {tuple(position.shape)}"
         )
     check_window(ahead, behind)
@@ -101,19 +106,19 @@ def project_onto_path(
         squared = _up_to_leaving(squared, end_x.square() + end_y.square(), is_ahead)
     squared, index = squared.min(dim=-1, keepdim=True)
     progress = arc.gather(-1, index) + along.gather(-1, index)
-    if previous_progress is not None:  # rounding must not go back
+    if previous_progress is not None:  # rounding must not reduce the progress below the window
         progress = torch.maximum(progress, first)
-    progress = torch.minimum(progress, arc[..., -1:])  # nor past the end
+    progress = torch.minimum(progress, arc[..., -1:])  # nor exceed the end of the path
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 
 
 def _up_to_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor:
-    """Return squared distances to segments, infinite from where the path has left the position.
+    """Mask squared distances to segments after the path has left the position as infinite.
 
     Args:
-        squared: ``[*B, S]`` m^2, to the nearest point of each segment, infinite where not searched.
-        at_end: ``[*B, S]`` m^2, to the end of each segment, or of its searched part.
-        is_ahead: ``[*B, S]`` bool, segments that end after the previous projection.
+        squared: ``[*B, S]`` m^2, to the nearest point of each segment, infinite outside the window.
+        at_end: ``[*B, S]`` m^2, to the end of each segment or of its part within the window.
+        is_ahead: ``[*B, S]`` bool, whether the segment ends after the previous projection.
     """
     nearest = torch.where(is_ahead, squared, math.inf).cummin(dim=-1).values
     leaves = is_ahead & (at_end > LEAVING_RATIO**2 * nearest)
@@ -125,22 +130,27 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
 
     Args:
         path: ``[*B, P, 2]`` m, P >= 2.
-        arc: ``[*B]`` or ``[*B, K]`` m from the path's first point; clamped to the path's ends, so
-            that past the goal it is the goal.
+        arc: ``[*B]`` or ``[*B, K]`` m, arc length from the first point of the path; clamped to the
+            ends of the path, so larger values give the goal.
         backend: See :mod:`navrl.ops.backend`.
 
     Returns:
         ``[*B, 2]`` or ``[*B, K, 2]`` m.
 
     Raises:
-        ValueError: If a shape is outside the above, naming it.
+        ValueError: If a shape is not as above; the message names it.
+
+    Example:
+        >>> path = torch.tensor([[0.0, 0.0], [4.0, 0.0]])
+        >>> point_at(path, torch.tensor([1.5, 9.0])).tolist()
+        [[1.5, 0.0], [4.0, 0.0]]
     """
     _check_path(path)
     path = as_real(path)
     arc, batch = arc.to(path.dtype), path.shape[:-2]
     if arc.shape[: len(batch)] != batch or arc.ndim > len(batch) + 1:
         raise ValueError(
-            f"arc must have shape [*B] or [*B, K] for a path {tuple(path.shape)}, "
+            f"arc: must have shape [*B] or [*B, K] for a path {tuple(path.shape)}, "
             f"got {tuple(arc.shape)}"
         )
     if arc.ndim == len(batch):
@@ -195,13 +205,21 @@ def _point_at_compiled(path: Tensor, arc: Tensor) -> Tensor:
 
 
 def path_length(path: Tensor) -> Tensor:
-    """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``."""
+    """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``.
+
+    Raises:
+        ValueError: If the shape is not as above.
+
+    Example:
+        >>> path_length(torch.tensor([[0.0, 0.0], [3.0, 4.0]]))
+        tensor(5.)
+    """
     _check_path(path)
     return _segments(as_real(path))[0][..., -1]
 
 
 def _segments(path: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
-    """Return the arc of each point ``[*B, P]``, and length and (x, y) of each segment."""
+    """Return the arc length of each point ``[*B, P]``, and length and (x, y) of each segment."""
     step_x, step_y = path[..., 0].diff(dim=-1), path[..., 1].diff(dim=-1)
     length = step_x.square().addcmul_(step_y, step_y).sqrt_()
     arc = torch.nn.functional.pad(length.cumsum(-1), (1, 0))
@@ -210,4 +228,4 @@ def _segments(path: Tensor) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor]]:
 
 def _check_path(path: Tensor) -> None:
     if path.ndim < 2 or path.shape[-1] != 2 or path.shape[-2] < 2:
-        raise ValueError(f"path must have shape [*B, P, 2] with P >= 2, got {tuple(path.shape)}")
+        raise ValueError(f"path: must have shape [*B, P, 2] with P >= 2, got {tuple(path.shape)}")

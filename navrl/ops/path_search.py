@@ -1,8 +1,8 @@
-"""Bounds of the search for a projection on a path, shared by kernel and reference."""
+"""Search window of the projection on a path, shared by the kernel and the torch reference."""
 
-# The search for a projection ends where the path has led this many times as far from the position
-# as its nearest point so far: what comes after is another branch, even if it is nearer. Not
-# less than sqrt(2), which is what a robot sees that cuts a right angle.
+# The search ends where the path is this many times as far from the position as its nearest point so
+# far; the following segments belong to another branch, even if they are nearer. The ratio must be
+# at least sqrt(2), which occurs for a robot that cuts a right-angled corner.
 LEAVING_RATIO = 1.5
 
 
@@ -13,6 +13,6 @@ def check_window(ahead: float, behind: float) -> None:
         ValueError: If ``ahead`` is not positive or ``behind`` is negative.
     """
     if not ahead > 0.0:
-        raise ValueError(f"ahead must be positive (m), got {ahead}")
+        raise ValueError(f"ahead={ahead}: must be positive (m)")
     if not behind >= 0.0:
-        raise ValueError(f"behind must be at least 0 (m), got {behind}")
+        raise ValueError(f"behind={behind}: must be at least 0 (m)")

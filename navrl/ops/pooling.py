@@ -1,4 +1,4 @@
-"""Min-pooling of a lidar scan: from many beams to a few points, losing no near obstacle."""
+"""Min-pooling of a lidar scan: reduce beams to a few points and retain the nearest obstacle."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class PooledScan(NamedTuple):
     """Result of :func:`min_pool`."""
 
     ranges: Tensor
-    """``[*B, N]`` m, the nearest return of each bin, ``max_range`` where there is none."""
+    """``[*B, N]`` m, range of the nearest return of each bin, ``max_range`` if it has none."""
     points: Tensor
-    """``[*B, N, 2]`` m, robot frame; a bin without return lies at ``max_range``."""
+    """``[*B, N, 2]`` m, robot frame; the point of a bin without a return is at ``max_range``."""
     returns: Tensor
-    """``[*B, N]`` bool, whether the bin holds a return."""
+    """``[*B, N]`` bool, whether the bin contains a return."""
 
 
 def min_pool(
@@ -37,46 +37,50 @@ def min_pool(
     angle_increment: float | None = None,
     mount: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> PooledScan:
-    """Keep the nearest return of each of N equal bins of bearings around the robot.
+    """Reduce a scan to the nearest return in each of N equal bearing bins around the robot.
 
-    The minimum is safe: the nearest obstacle of the scan is always among the pooled points. A
-    reading is a return if ``0 < r < max_range``. Everything else (maximum range or more, infinity,
-    NaN, zero or less, as drivers report a miss) is no return, so one broken beam never
-    contaminates its neighbors.
+    The minimum is conservative: the nearest obstacle of the scan is always among the pooled points.
+    A reading is a return if ``0 < r < max_range``. All other values (maximum range or more,
+    infinity, NaN, zero or less, as drivers report a miss) are no returns, so an invalid beam does
+    not affect its neighbors.
 
-    The bins cover the full circle, whatever the scanner covers of it. A bin that no beam points
-    into has no return, as a free one; :meth:`navrl.ops.scan_layout.ScanLayout.seen` tells the two
-    apart. With a mount that is not at the robot's center, ranges and bearings are those from the
-    robot's center, and what lies at ``max_range`` or beyond from there is no return.
+    The bins cover the full circle, independent of the scanner's field of view. A bin without beams
+    has no return, like a free one; :meth:`navrl.ops.scan_layout.ScanLayout.seen` distinguishes the
+    two. If the scanner is not mounted at the robot's center, ranges and bearings are measured from
+    the robot's center, and points at ``max_range`` or beyond from there are no returns.
 
     Args:
         ranges: ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment`` counter-clockwise
             from the scanner's x axis. Integers are read as float32.
-        group_size: Beams in a bin; must divide the beams of a revolution. None with ``num_points``.
+        group_size: Beams per bin; must divide the beams of a revolution. None with ``num_points``.
         max_range: Range of the sensor, in the unit of ``ranges``.
-        bearing: Where a point is drawn: ``"bin"`` at the center angle of its bin, ``"beam"`` at the
-            angle of the beam that measured it.
-        backend: See :mod:`navrl.ops.backend`; all agree bit for bit. A mount beside the center is
-            pooled by the torch form whatever the backend.
-        num_points: Bins N; None follows from ``group_size``. It need not divide the beams if
-            ``group_size`` is None.
+        bearing: Bearing of a pooled point: ``"bin"`` the center of its bin, ``"beam"`` that of the
+            beam that measured it.
+        backend: See :mod:`navrl.ops.backend`; all backends agree bit for bit. An off-center mount
+            always uses the torch implementation.
+        num_points: Number of bins N; None derives it from ``group_size``. If ``group_size`` is
+            None, it need not divide the number of beams.
         angle_min: Bearing of beam 0 in the scanner's frame, rad.
-        angle_increment: From one beam to the next, rad, of either sign; None for a full circle.
+        angle_increment: Angle between beams, rad, of either sign; None for a full circle.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
 
     Returns:
         The pooled scan of N points, ordered by bearing, bin 0 straight ahead.
 
     Raises:
-        ValueError: If an argument is outside the above, naming it.
+        ValueError: If an argument is not as above; the message names it.
+
+    Example:
+        >>> min_pool(torch.tensor([1.0, 2.0, 3.5, 3.5]), group_size=2).ranges
+        tensor([1.0000, 3.5000])
 
     Reference:
-        Paper Sec. IV-G (1,440 beams) and IV-C (min-pooled to 180). The bearing of a
-        pooled point is not given there; the bin's center is the authors' precursor's choice, and
-        ``"beam"`` is up to half a bin (0.9 deg) more exact.
+        Paper Sec. IV-G (1,440 beams) and IV-C (min-pooled to 180). The paper does not give the
+        bearing of a pooled point; the bin's center follows the authors' precursor, and ``"beam"``
+        is up to half a bin (0.9 deg) more accurate.
     """
     if ranges.ndim < 1 or ranges.shape[-1] < 1:
-        raise ValueError(f"ranges must have shape [*B, beams], got {tuple(ranges.shape)}")
+        raise ValueError(f"ranges: must have shape [*B, beams], got {tuple(ranges.shape)}")
     check_pooling(max_range, bearing)
     increment = None if angle_increment is None else float(angle_increment)
     layout = scan_layout(
@@ -86,7 +90,7 @@ def min_pool(
     if layout.mount[:2] != (0.0, 0.0):
         return _pool_from_center(ranges, layout, max_range, bearing)
     table = None if layout.is_plain else _flat_table(layout, ranges.device)
-    if table is not None:  # the beams of each bin side by side, as in a plain scan
+    if table is not None:  # reorder so that the beams of each bin are contiguous
         missing = ranges.new_full((*ranges.shape[:-1], 1), max_range)
         ranges = torch.cat([ranges, missing], dim=-1)[..., table]
     directions = _directions(layout, bearing, ranges.dtype, ranges.device)
@@ -103,11 +107,15 @@ def min_pool(
 
 
 def check_pooling(max_range: float, bearing: Bearing = "bin") -> None:
-    """Raise a ValueError that names the argument of :func:`min_pool` which is out of range."""
+    """Check ``max_range`` and ``bearing`` of :func:`min_pool`.
+
+    Raises:
+        ValueError: If ``max_range`` is not positive or ``bearing`` is unknown.
+    """
     if not max_range > RETURN_MARGIN_M:
-        raise ValueError(f"max_range must be positive, got {max_range}")
+        raise ValueError(f"max_range={max_range}: must be positive (m)")
     if bearing not in ("bin", "beam"):
-        raise ValueError(f"bearing must be 'bin' or 'beam', got {bearing!r}")
+        raise ValueError(f"bearing={bearing!r}: must be 'bin' or 'beam'")
 
 
 def _is_return(ranges: Tensor, max_range: float) -> Tensor:
@@ -128,7 +136,7 @@ def _min_pool_compiled(
 def _pool_from_center(
     ranges: Tensor, layout: ScanLayout, max_range: float, bearing: Bearing
 ) -> PooledScan:
-    """Pool the readings of a scanner beside the robot's center by where they lie from there."""
+    """Pool the readings of an off-center scanner by range and bearing from the robot's center."""
     direction = _unit_vectors(layout.beam_bearings()).to(ranges)
     hits = ranges.unsqueeze(-1) * direction + ranges.new_tensor(layout.mount[:2])
     distance = torch.linalg.vector_norm(hits, dim=-1)
@@ -160,7 +168,7 @@ def _flat_table(layout: ScanLayout, device: torch.device) -> Tensor:
 def _directions(
     layout: ScanLayout, bearing: Bearing, dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """Return the directions of the bins ``[N, 2]``, then, if needed, of all their beams.
+    """Return the unit vectors of the bins ``[N, 2]``, followed, if needed, by those of all beams.
 
     The N * M beams are ordered as in :meth:`ScanLayout.beams_by_bin`.
     """

@@ -1,4 +1,4 @@
-"""A scan's points as ranges of another frame."""
+"""Projection of scan points to ranges in another frame."""
 
 from __future__ import annotations
 
@@ -14,26 +14,31 @@ from navrl.ops.scan_layout import bin_centers
 def project_ranges(
     points: Tensor, fill: Tensor, group_size: int | None = 8, max_range: float = 3.5
 ) -> Tensor:
-    """Return the nearest point's range in each bin of bearings.
+    """Return the range of the nearest point in each bearing bin.
 
     Args:
-        points: ``[*B, N, 2]`` m, in the frame whose ranges are asked for. Points that stand for no
-            return say that their direction was free, and are projected like all others.
-        fill: ``[*B, N]`` m, broadcast: the range of a bin that no point falls into. With the scan
-            of now, what was not seen before has not moved.
-        group_size: Beams in a bin, by which the N bins are those of
+        points: ``[*B, N, 2]`` m, in the frame of the returned ranges. Points of bins without a
+            return mark a free direction and are projected like all others.
+        fill: ``[*B, N]`` m, broadcast: range of a bin without points. With the ranges of the
+            current scan, a direction that was not observed before appears static.
+        group_size: Beams per bin, so that the N bins are those of
             :func:`navrl.ops.pooling.min_pool`; None for bins of any number of beams.
-        max_range: Largest range that is returned, m.
+        max_range: Largest returned range, m.
 
     Returns:
-        ``[*B, N]`` m. A point that is not finite falls into no bin.
+        ``[*B, N]`` m. Points that are not finite are ignored.
 
     Raises:
         ValueError: If the shapes are not as above.
+
+    Example:
+        >>> points = torch.tensor([[1.0, 0.1], [-2.0, -0.1]])
+        >>> project_ranges(points, torch.full((2,), 3.5), group_size=None).round(decimals=3)
+        tensor([1.0050, 2.0020])
     """
     if points.ndim < 2 or points.shape[-1] != 2 or fill.shape[-1:] != points.shape[-2:-1]:
         raise ValueError(
-            f"points must have shape [*B, N, 2] and fill [*B, N], "
+            f"points, fill: must have shapes [*B, N, 2] and [*B, N], "
             f"got {tuple(points.shape)} and {tuple(fill.shape)}"
         )
     points, fill = as_real(points), as_real(fill)

@@ -1,4 +1,4 @@
-"""What a planar lidar sees of oriented boxes."""
+"""Ray casting of a planar lidar against oriented boxes."""
 
 import functools
 import math
@@ -41,7 +41,13 @@ def cast_rays(
         [*B, num_beams] float32 m.
 
     Raises:
-        ValueError: shapes or devices do not match, a pose is not finite, or a size is negative.
+        ValueError: If shapes or devices do not match, a pose is not finite, or a half size is
+            negative.
+
+    Example:
+        >>> boxes = torch.tensor([[2.0, 0.0, 0.5, 0.5, 0.0]])
+        >>> cast_rays(torch.zeros(3), boxes, num_beams=4)
+        tensor([1.5000, 3.5000, 3.5000, 3.5000])
     """
     num_boxes = _check(pose, boxes, num_boxes, num_beams, max_range)
     pose, boxes = as_real(pose), as_real(boxes)
@@ -54,30 +60,30 @@ def cast_rays(
 def _check(
     pose: Tensor, boxes: Tensor, num_boxes: Tensor | None, num_beams: int, max_range: float
 ) -> Tensor:
-    """Raise on bad input; return ``num_boxes`` filled in."""
+    """Check the arguments of :func:`cast_rays`; return ``num_boxes`` or its default."""
     batch = pose.shape[:-1]
     if pose.ndim < 1 or pose.shape[-1] != 3:
-        raise ValueError(f"pose must be [*B, 3], got {list(pose.shape)}")
+        raise ValueError(f"pose: must be [*B, 3], got {list(pose.shape)}")
     if boxes.ndim != pose.ndim + 1 or boxes.shape[:-2] != batch or boxes.shape[-1] != 5:
-        raise ValueError(f"boxes must be {[*batch, 'K', 5]}, got {list(boxes.shape)}")
+        raise ValueError(f"boxes: must be {[*batch, 'K', 5]}, got {list(boxes.shape)}")
     if num_boxes is None:
         num_boxes = torch.full(batch, boxes.shape[-2], dtype=torch.int64, device=pose.device)
     if num_boxes.shape != batch or num_boxes.is_floating_point():
         raise ValueError(
-            f"num_boxes must be {list(batch)} integers, "
+            f"num_boxes: must be {list(batch)} integers, "
             f"got {list(num_boxes.shape)} {num_boxes.dtype}"
         )
     check_same_device(pose=pose, boxes=boxes, num_boxes=num_boxes)
     if num_beams < 1:
-        raise ValueError(f"num_beams must be at least 1, got {num_beams}")
+        raise ValueError(f"num_beams={num_beams}: must be at least 1")
     if not (max_range > 0.0 and math.isfinite(max_range)):
-        raise ValueError(f"max_range must be positive and finite, got {max_range}")
+        raise ValueError(f"max_range={max_range}: must be positive and finite (m)")
     if not bool(torch.isfinite(pose).all()):
-        raise ValueError("pose must be finite, got NaN or infinity")
+        raise ValueError("pose: must be finite, got NaN or infinity")
     if bool((boxes[..., 2:4] < 0.0).any()):
-        raise ValueError("boxes must have half sizes hx, hy >= 0, got a negative one")
+        raise ValueError("boxes: must have half sizes hx, hy >= 0, got a negative value")
     if bool(((num_boxes < 0) | (num_boxes > boxes.shape[-2])).any()):
-        raise ValueError(f"num_boxes must be within 0..{boxes.shape[-2]}")
+        raise ValueError(f"num_boxes: must be within 0..{boxes.shape[-2]}")
     return num_boxes
 
 
@@ -140,7 +146,7 @@ def _cast_rays_compiled(
 def _cast_rays_torch(
     pose: Tensor, boxes: Tensor, num_boxes: Tensor, beams: Beams, max_range: float
 ) -> Tensor:
-    """Slab test of every beam against every box: [*B, K, beams] in memory."""
+    """Test every beam against every box (slab method); needs [*B, K, beams] of memory."""
     boxes = boxes.to(pose.dtype)
     absent = torch.arange(boxes.shape[-2], device=pose.device) >= num_boxes[..., None]
     absent = absent | boxes.isnan().any(-1)
@@ -157,7 +163,7 @@ def _cast_rays_torch(
     )
     angle = beam_angles(*beams).to(pose) + (pose[..., None, 2:3] - turn[..., None])
     direction = torch.stack((torch.cos(angle), torch.sin(angle)), dim=-1)
-    # the stretch of each beam between the two planes of each axis
+    # the interval of each beam between the two planes of each axis
     near = (-half - origin)[..., None, :] / direction
     far = (half - origin)[..., None, :] / direction
     is_parallel = direction == 0.0

@@ -1,18 +1,24 @@
-"""Which points of a scan are to be believed."""
+"""Filter for non-finite scan returns."""
 
 from torch import Tensor
 
 
 def finite_returns(points: Tensor, returns: Tensor) -> Tensor:
-    """Take points with a coordinate that is NaN or infinite out of the returns.
+    """Exclude points with NaN or infinite coordinates from the returns.
 
-    One broken point must neither spoil a whole scan nor pass as a point at the origin.
+    An invalid point would otherwise propagate NaN to the whole scan or appear at the origin.
 
     Args:
         points: ``[*B, N, 2]`` m.
-        returns: ``[*B, N]`` bool, which points are real.
+        returns: ``[*B, N]`` bool, which points are real returns.
 
     Returns:
         ``[*B, N]`` bool.
+
+    Example:
+        >>> import torch
+        >>> points = torch.tensor([[1.0, 0.0], [torch.nan, 0.0]])
+        >>> finite_returns(points, torch.tensor([True, True]))
+        tensor([ True, False])
     """
     return returns & points.isfinite().all(-1)

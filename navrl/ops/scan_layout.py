@@ -1,4 +1,4 @@
-"""Bearings of a scan's beams in the robot frame, and the bins of bearings that they fall into."""
+"""Bearings of lidar beams in the robot frame and their assignment to bearing bins."""
 
 from __future__ import annotations
 
@@ -11,30 +11,36 @@ import torch
 from torch import Tensor
 
 TURN = 2.0 * math.pi
-# Share of a beam by which drivers' rounded angles may miss a whole number of beams a revolution.
+# Drivers round angles, so the beams of a revolution may differ from an integer by this many beams.
 _ROUNDING = 0.01
 
 
 @dataclass(frozen=True)
 class ScanLayout:
-    """Beams of a planar scan and the bins around the robot that they are pooled into.
+    """Beam layout of a planar scan and the bearing bins into which its beams are pooled.
 
     Beam j points at ``angle_min + j * angle_increment`` in the scanner's frame. The bins divide the
-    full circle around the robot evenly, whatever the scanner sees of it; bin 0 begins half a beam
-    to the right of straight ahead and bins are counted counter-clockwise.
+    full circle around the robot evenly, independent of the scanner's field of view; bin 0 begins
+    half a beam to the right of straight ahead and bins are numbered counter-clockwise.
 
     Args:
-        num_beams: Beams of a scan.
-        group_size: Beams in a bin, which must divide the beams of a revolution; None with
+        num_beams: Number of beams in a scan.
+        group_size: Beams per bin, which must divide the beams of a revolution; None with
             ``num_points``.
-        num_points: Bins N, of any number; None follows from ``group_size``.
+        num_points: Number of bins N; None derives it from ``group_size``.
         angle_min: Bearing of beam 0 in the scanner's frame, rad.
-        angle_increment: From one beam to the next, rad, negative if they are counted clockwise;
-            None spreads the beams evenly over a full circle, counter-clockwise.
+        angle_increment: Angle from one beam to the next, rad, negative for clockwise order; None
+            spreads the beams evenly over a full circle, counter-clockwise.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
 
     Raises:
-        ValueError: If an argument is not as above, naming it.
+        ValueError: If an argument is not as above; the message names it.
+
+    Example:
+        >>> front = ScanLayout(num_beams=3, group_size=None, num_points=4, angle_min=-math.pi / 2,
+        ...                    angle_increment=math.pi / 2)
+        >>> front.seen()
+        tensor([ True,  True, False,  True])
     """
 
     num_beams: int
@@ -54,7 +60,7 @@ class ScanLayout:
         if covered > TURN * (1.0 + 1e-5):
             raise ValueError(
                 f"angle_increment={self.angle_increment}: must be within one revolution, got "
-                f"{covered:.3f} rad from the first to the last of {self.num_beams} beams"
+                f"{covered:.3f} rad between the first and last of {self.num_beams} beams"
             )
         if self.group_size is not None:
             self._check_groups()
@@ -64,15 +70,15 @@ class ScanLayout:
         if abs(self.revolution - whole) > _ROUNDING or whole % self.group_size:
             raise ValueError(
                 f"group_size={self.group_size}: must divide the beams of a revolution: "
-                f"{self.revolution:.6g} beams, group_size {self.group_size}; group_size=None with "
-                "num_points=N makes N bins of any number of beams"
+                f"{self.revolution:.6g} beams, group_size {self.group_size}; for N bins of any "
+                "number of beams set group_size=None and num_points=N"
             )
         made = whole // self.group_size
         if self.num_points not in (None, made):
             raise ValueError(
-                f"num_points={self.num_points}: group_size={self.group_size} makes {made} of "
-                f"{whole} beams; it needs a lidar of {self.num_points * self.group_size} beams, or "
-                "group_size=None"
+                f"num_points={self.num_points}: must be {made} for group_size={self.group_size} "
+                f"and {whole} beams; use a lidar of {self.num_points * self.group_size} beams or "
+                "set group_size=None"
             )
 
     @property
@@ -82,7 +88,7 @@ class ScanLayout:
 
     @property
     def revolution(self) -> float:
-        """Beams that a full circle would hold."""
+        """Number of beams in a full circle at this increment."""
         return TURN / abs(self.increment)
 
     @property
@@ -94,7 +100,7 @@ class ScanLayout:
 
     @property
     def is_plain(self) -> bool:
-        """Whether neighboring beams fill the bins in order, as in the simulated scans."""
+        """Whether consecutive beams fill the bins in order, as in simulated scans."""
         full = self.group_size is not None and self.num_beams == self.num_bins * self.group_size
         return full and (*self.mount, self.angle_min) == (0.0,) * 4 and self.increment > 0.0
 
@@ -104,7 +110,7 @@ class ScanLayout:
         return self.mount[2] + self.angle_min + beam * self.increment
 
     def bin_of(self, bearings: Tensor) -> Tensor:
-        """Return the bin, int64, of each bearing in the robot frame, rad, of any shape."""
+        """Return the bin index (int64) of each bearing in the robot frame, rad, any shape."""
         half_beam = 0.5 * abs(self.increment)
         index = torch.floor((bearings + half_beam) * (self.num_bins / TURN)).long()
         return index.remainder(self.num_bins)
@@ -117,13 +123,13 @@ class ScanLayout:
         return (centers - 0.5 * abs(self.increment)).to(device, dtype)
 
     def beams_by_bin(self) -> Tensor:
-        """Return the beams of each bin, ``[N, M]`` int64 ascending, filled up by ``num_beams``."""
+        """Return the beams of each bin, ``[N, M]`` int64 ascending, padded with ``num_beams``."""
         return _beams_by_bin(self)
 
     def seen(self) -> Tensor:
-        """Return the bins that a beam points into at all, ``[N]`` bool.
+        """Return whether each bin is covered by a beam, ``[N]`` bool.
 
-        For a scanner beside the robot's center they are those of its farthest readings' bearings.
+        For an off-center scanner the coverage is evaluated at an infinite range.
         """
         return (self.beams_by_bin() < self.num_beams).any(-1)
 
@@ -135,7 +141,11 @@ def check_layout(
     angle_increment: float | None,
     mount: Sequence[float],
 ) -> None:
-    """Raise a ValueError that names the argument of :class:`ScanLayout` which is out of range."""
+    """Check the arguments of :class:`ScanLayout`, apart from the number of beams.
+
+    Raises:
+        ValueError: If an argument is out of range; the message names it.
+    """
     if group_size is None and num_points is None:
         raise ValueError("group_size=None: must be a number of beams unless num_points is given")
     for name, count in (("group_size", group_size), ("num_points", num_points)):
@@ -151,7 +161,12 @@ def check_layout(
 
 @functools.lru_cache(maxsize=64)
 def scan_layout(*arguments: object) -> ScanLayout:
-    """Return a :class:`ScanLayout` of these arguments, checked once."""
+    """Return a cached :class:`ScanLayout` of these arguments, validated once.
+
+    Example:
+        >>> scan_layout(1440, 8) is scan_layout(1440, 8)
+        True
+    """
     return ScanLayout(*arguments)
 
 
@@ -172,6 +187,11 @@ def bin_centers(
     dtype: torch.dtype,
     device: torch.device | str = "cpu",
 ) -> Tensor:
-    """Return the center of each bin of ``group_size`` of evenly spread beams, ``[N]`` rad."""
+    """Return the center of each bin of ``group_size`` evenly spaced beams, ``[N]`` rad.
+
+    Example:
+        >>> bin_centers(num_beams=4, group_size=2, dtype=torch.float32)  # 45 and 225 degrees
+        tensor([0.7854, 3.9270])
+    """
     first_beam = torch.arange(0, num_beams, group_size, device=device, dtype=dtype)
     return (first_beam + 0.5 * (group_size - 1)) * (TURN / num_beams)

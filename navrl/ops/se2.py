@@ -1,4 +1,4 @@
-"""Rigid transforms of the plane, as ``[..., 3]`` tensors ``(x, y, yaw)``.
+"""Rigid transforms in the plane as ``[..., 3]`` tensors ``(x, y, yaw)``.
 
 A transform ``T_target_source`` maps points of the source frame into the target frame; the pose of a
 robot in the world is ``T_world_robot``. Transforms chain by their inner names:
@@ -16,7 +16,12 @@ from navrl.ops.backend import as_real, is_compiled
 
 
 def wrap_angle(angle: Tensor) -> Tensor:
-    """Return ``angle`` [rad] wrapped to (-pi, pi]."""
+    """Wrap ``angle`` [rad] to (-pi, pi].
+
+    Example:
+        >>> wrap_angle(torch.tensor([4.0, -4.0]))
+        tensor([-2.2832,  2.2832])
+    """
     return math.pi - torch.remainder(math.pi - angle, 2.0 * math.pi)
 
 
@@ -29,6 +34,10 @@ def rotate(vectors: Tensor, yaw: Tensor) -> Tensor:
 
     Returns:
         ``[..., 2]`` rotated vectors.
+
+    Example:
+        >>> rotate(torch.tensor([1.0, 0.0]), torch.tensor(math.pi / 2)).round(decimals=3).abs()
+        tensor([0., 1.])
     """
     cos, sin = yaw.cos(), yaw.sin()
     x, y = vectors.unbind(-1)
@@ -69,19 +78,34 @@ def _transform_compiled(T_target_source: Tensor, points_source: Tensor) -> Tenso
 
 
 def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:
-    """Chain two transforms: returns ``T_a_c`` ``[..., 3]`` with its yaw in (-pi, pi]."""
+    """Compose two transforms to ``T_a_c`` ``[..., 3]`` with yaw in (-pi, pi].
+
+    Example:
+        >>> compose(torch.tensor([1.0, 0.0, 0.0]), torch.tensor([2.0, 0.0, 0.5]))
+        tensor([3.0000, 0.0000, 0.5000])
+    """
     translation = rotate(T_b_c[..., :2], T_a_b[..., 2]) + T_a_b[..., :2]
     yaw = wrap_angle(T_a_b[..., 2] + T_b_c[..., 2])
     return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
 
 
 def inverse(T_a_b: Tensor) -> Tensor:
-    """Return ``T_b_a`` ``[..., 3]``, the transform that undoes ``T_a_b``."""
+    """Return ``T_b_a`` ``[..., 3]``, the inverse of ``T_a_b``.
+
+    Example:
+        >>> inverse(torch.tensor([1.0, 2.0, 0.0]))
+        tensor([-1., -2.,  0.])
+    """
     translation = -rotate(T_a_b[..., :2], -T_a_b[..., 2])
     yaw = wrap_angle(-T_a_b[..., 2])
     return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
 
 
 def relative(T_world_target: Tensor, T_world_source: Tensor) -> Tensor:
-    """Return ``T_target_source`` ``[..., 3]`` from two poses in the same world."""
+    """Return ``T_target_source`` ``[..., 3]`` from two poses in the same world.
+
+    Example:
+        >>> relative(torch.tensor([1.0, 0.0, 0.0]), torch.tensor([3.0, 1.0, 0.5]))
+        tensor([2.0000, 1.0000, 0.5000])
+    """
     return compose(inverse(T_world_target), T_world_source)

@@ -1,7 +1,7 @@
-"""Subgoals: points near the robot, kept clear of what its scan sees, and the arc that leads there.
+"""Polar subgoals near the robot: free distance along a bearing and the arc to a subgoal.
 
-A subgoal is polar, in the robot frame: a distance, m, and a bearing, rad, counter-clockwise from
-straight ahead.
+A subgoal is given in polar coordinates of the robot frame: a distance, m, and a bearing, rad,
+counter-clockwise from straight ahead.
 """
 
 from __future__ import annotations
@@ -13,19 +13,25 @@ from torch import Tensor
 
 
 def free_distance(points: Tensor, returns: Tensor, bearing: Tensor, radius: float) -> Tensor:
-    """Return how far a disc at the origin can be pushed along a bearing before it touches a return.
+    """Return how far a disc at the origin can translate along a bearing without contact.
 
-    A return straight on the ray stops the disc one radius before it; one beside the ray, within the
-    disc's width, a little later. What lies behind never stops it.
+    A return on the ray limits the distance to its range minus the radius; a return beside the ray
+    within the width of the disc limits it less. Returns behind the disc are ignored.
 
     Args:
         points: ``[*B, N, 2]`` m, robot frame.
-        returns: ``[*B, N]`` bool, which of the points are real.
+        returns: ``[*B, N]`` bool, which points are real returns.
         bearing: ``[*B]`` rad.
-        radius: of the disc, m.
+        radius: Radius of the disc, m.
 
     Returns:
-        ``[*B]`` m, infinite where nothing stops it, never negative.
+        ``[*B]`` m, not negative, infinite without an obstacle.
+
+    Example:
+        >>> free_distance(
+        ...     torch.tensor([[2.0, 0.0]]), torch.tensor([True]), torch.tensor(0.0), radius=0.25
+        ... )
+        tensor(1.7500)
     """
     direction = torch.stack([bearing.cos(), bearing.sin()], dim=-1).unsqueeze(-2)
     along = (points * direction).sum(-1)
@@ -38,20 +44,25 @@ def free_distance(points: Tensor, returns: Tensor, bearing: Tensor, radius: floa
 def steer_to(
     distance: Tensor, bearing: Tensor, horizon: float, max_speed: float, max_turn_rate: float
 ) -> Tensor:
-    """Return the command that drives the circular arc to a subgoal.
+    """Return the command that follows the circular arc to a subgoal.
 
-    Repeated with a subgoal that stays where it is, it stays on that arc and slows down towards its
-    end. A subgoal behind the robot, or at its own place, is turned to on the spot.
+    Applied repeatedly with a fixed subgoal, the commands stay on that arc and slow down towards its
+    end. For a subgoal behind the robot or at its position the robot rotates on the spot.
 
     Args:
         distance: ``[*B]`` m, not negative.
         bearing: ``[*B]`` rad in [-pi, pi].
-        horizon: Time in which the subgoal would be reached, s; longer if a limit forbids it.
-        max_speed: m/s.
-        max_turn_rate: rad/s.
+        horizon: Time in which the subgoal would be reached, s; longer if limited.
+        max_speed: Largest forward speed, m/s.
+        max_turn_rate: Largest turn rate, rad/s.
 
     Returns:
-        ``[*B, 2]`` (v, w), m/s and rad/s, within the limits and still on the arc.
+        ``[*B, 2]`` (v, w), m/s and rad/s, scaled to the limits with the curvature of the arc.
+
+    Example:
+        >>> ahead = torch.tensor(1.0), torch.tensor(0.0)
+        >>> steer_to(*ahead, horizon=2.0, max_speed=0.7, max_turn_rate=1.5)
+        tensor([0.5000, 0.0000])
     """
     is_ahead = bearing.abs() <= 0.5 * math.pi
     arc = torch.where(is_ahead, distance / torch.sinc(bearing / math.pi), 0.0)

@@ -1,7 +1,7 @@
-"""Motion of a differential drive over one short interval, exact for constant (v, w).
+"""Exact motion of a differential drive with constant (v, w) over one short interval.
 
-The scalar functions are plain Python: the compiled kernels are made from them, and a simulator of
-one robot calls them as they are. The batched forms do the same for tensors.
+The scalar functions are plain Python: the kernels are compiled from them, and the single-robot
+simulator calls them directly. The batched forms compute the same for tensors.
 """
 
 import math
@@ -9,23 +9,28 @@ import math
 import torch
 from torch import Tensor
 
-_SMALL_HALF_TURN = 1e-4  # rad; below it sin(h) / h is 1 - h^2 / 6 to the last bit of a double
+_SMALL_HALF_TURN = 1e-4  # rad; below it sin(h) / h equals 1 - h^2 / 6 in double precision
 
 
 def advance_pose(
     x: float, y: float, yaw: float, v: float, w: float, duration: float
 ) -> tuple[float, float, float]:
-    """Drive along a circular arc: a chord v t sin(h)/h long in direction yaw + h, where h = w t/2.
+    """Integrate the unicycle model from the pose (x, y, yaw) along a circular arc.
 
-    It starts at the pose (x, y, yaw), world, m and rad.
+    The chord has length ``v t sin(h) / h`` and direction ``yaw + h`` with ``h = w t / 2``. The pose
+    is in the world frame, m and rad.
 
     Args:
-        v: forward speed, m/s, constant over the interval.
-        w: turn rate, rad/s, constant too.
-        duration: s.
+        v: Forward speed, m/s, constant over the interval.
+        w: Turn rate, rad/s, constant over the interval.
+        duration: Length of the interval, s.
 
     Returns:
         The pose at the end, yaw in (-pi, pi].
+
+    Example:
+        >>> advance_pose(0.0, 0.0, 0.0, v=0.5, w=0.0, duration=2.0)
+        (1.0, 0.0, 0.0)
     """
     half = 0.5 * w * duration
     sinc = 1.0 - half * half / 6.0 if abs(half) < _SMALL_HALF_TURN else math.sin(half) / half
@@ -41,10 +46,22 @@ def advance_pose(
 def approach_velocity(
     v: float, w: float, v_target: float, w_target: float, wheel_separation: float, limit: float
 ) -> tuple[float, float]:
-    """Return (v, w) after each wheel's rim speed moved towards its target by at most ``limit``.
+    """Return (v, w) after the rim speed of each wheel approached its target by at most ``limit``.
 
-    With two wheels at +-separation/2 from the centre, v is the mean of their rim speeds and w their
-    difference over the separation.
+    With two wheels at +-separation/2 from the center, v is the mean of their rim speeds and w their
+    difference divided by the separation.
+
+    Args:
+        v: Forward speed, m/s.
+        w: Turn rate, rad/s.
+        v_target: Commanded forward speed, m/s.
+        w_target: Commanded turn rate, rad/s.
+        wheel_separation: Distance between the wheels, m.
+        limit: Largest change of a rim speed, m/s.
+
+    Example:
+        >>> approach_velocity(0.0, 0.0, 1.0, 0.0, wheel_separation=0.25, limit=0.5)
+        (0.5, 0.0)
     """
     half = 0.5 * wheel_separation
     left, right = v - half * w, v + half * w
@@ -54,15 +71,19 @@ def approach_velocity(
 
 
 def advance_poses(pose: Tensor, velocity: Tensor, duration: float) -> Tensor:
-    """:func:`advance_pose` for a batch.
+    """Integrate the unicycle model for a batch of poses; see :func:`advance_pose`.
 
     Args:
-        pose: [*B, 3] (x, y, yaw), world.
-        velocity: [*B, 2] (v, w).
-        duration: s.
+        pose: [*B, 3] (x, y, yaw), world, m and rad.
+        velocity: [*B, 2] (v, w), m/s and rad/s.
+        duration: Length of the interval, s.
 
     Returns:
         [*B, 3] in the dtype of ``pose``, yaw in (-pi, pi].
+
+    Example:
+        >>> advance_poses(torch.zeros(3), torch.tensor([0.5, 0.0]), duration=2.0)
+        tensor([1., 0., 0.])
     """
     x, y, yaw = pose.unbind(-1)
     v, w = velocity.unbind(-1)

@@ -1,4 +1,4 @@
-"""Simulators: robots in scenarios, one step and one scan at a time."""
+"""Simulators of robots, pedestrians and lidar scans in scenarios."""
 
 from importlib import import_module
 
@@ -26,9 +26,7 @@ __all__ = [
 _LAZY = {"BatchedSimulator": "navrl.sim.batched", "BulletSimulator": "navrl.sim.bullet"}
 
 
-def __getattr__(
-    name: str,
-) -> type:  # numba and pybullet are imported by those who simulate with them
+def __getattr__(name: str) -> type:  # imports numba and pybullet only when they are used
     if name in _LAZY:
         return getattr(import_module(_LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Thousands of worlds in one process, stepped and scanned by compiled kernels."""
+"""Batched simulator: thousands of worlds stepped and scanned by compiled kernels."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ if TYPE_CHECKING:
 
 
 class BatchedSimulator(Simulator):
-    """The fast simulator: all of the worlds are rows of a few arrays.
+    """Fast simulator whose worlds are rows of a few arrays.
 
-    Geometry is float64, ranges are float32. A world costs about 10 kB, so 4,096 of them take 40 MB.
-    The kernels run on as many threads as torch is set to use, and each world's result is the same
-    for any number of them. Bit-equal for the same scenarios and commands on one machine.
+    Geometry is float64, ranges are float32. A world takes about 10 kB, so 4,096 worlds take 40 MB.
+    The kernels use as many threads as torch; the result of a world does not depend on their number.
+    Results are bit-equal for the same scenarios and commands on one machine.
 
     Args:
-        num_worlds: N.
-        robot: the base. A :class:`navrl.sim.DifferentialDrive` is compiled; any other is driven by
-            its own torch code.
-        lidar: its beams.
-        time_step_s: duration of a step, s.
-        substeps: contact checks a step.
-        max_pedestrians: K, rows kept for pedestrians in each world.
-        pedestrians: where pedestrians walk; their scenario's routes if None.
-        delays: ages of scans and commands; none if None.
-        max_walls: rows kept for walls in each world; grows when a scenario has more.
-        device: ``cpu``, or ``cuda`` for the current CUDA device, where then all state and outputs
-            are, and where commands come from. Scenarios may be on either. A device rounds in its
-            own way, so poses agree with the CPU's to about 1e-9 m and ranges to 1e-5 m. A step
-            does not wait for the device: there a command that is not finite drives as zero, and
-            the next reset raises the error.
+        num_worlds: Number of worlds N.
+        robot: Robot model. A :class:`navrl.sim.DifferentialDrive` is compiled; other models run
+            their own torch code.
+        lidar: Lidar model.
+        time_step_s: Duration of a step, s.
+        substeps: Contact checks per step.
+        max_pedestrians: Number of pedestrian rows K in each world.
+        pedestrians: Pedestrian model; None for the routes of the scenario.
+        delays: Ages of scans and commands; None for no delays.
+        max_walls: Initial number of wall rows in each world; grows if a scenario has more.
+        device: ``cpu``, or ``cuda`` for the current CUDA device. All state, outputs and commands
+            are on this device; scenarios may be on either. Rounding differs between devices: poses
+            agree with those on the CPU to about 1e-9 m and ranges to 1e-5 m. On CUDA a step does
+            not synchronize with the host: a non-finite command is replaced by zero, and the next
+            reset raises the error.
 
     Raises:
-        ValueError: a value is not positive, or something is missing for ``device``.
+        ValueError: If a value is not positive, or a requirement of ``device`` is missing.
 
     Reference:
-        Paper Sec. IV-A: dt = 0.2 s. Contacts are looked for every 0.02 s, so none is passed over.
+        Paper Sec. IV-A: dt = 0.2 s. Contacts are checked every 0.02 s, so that none is missed.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class BatchedSimulator(Simulator):
             device,
         )
         if not max_walls > 0:
-            raise ValueError(f"max_walls must be positive, got {max_walls}")
+            raise ValueError(f"max_walls={max_walls}: must be positive")
         self._timing = (
             self.substep_s,
             self.substeps,
@@ -113,8 +113,8 @@ class BatchedSimulator(Simulator):
             "boxes": torch.full((n, k, 5), torch.nan, **real),
         }
         rows = k if self.pedestrians.is_reactive else 0
-        self._legs = torch.full((n, rows, 5), torch.nan, **real)  # of the present step
-        # What a kernel takes and does not use, without another model or delays:
+        self._legs = torch.full((n, rows, 5), torch.nan, **real)  # of the current step
+        # Placeholders for kernel arguments that other robot models or delays use:
         self._track = torch.zeros(n, 1, 5, **real)
         self._unseen = {"pose": torch.zeros(n, 3, **real), "boxes": torch.zeros(n, k, 5, **real)}
         self._is_ready = False
@@ -143,7 +143,7 @@ class BatchedSimulator(Simulator):
 
     @property
     def _scene(self) -> dict[str, Tensor]:
-        """What the lidar sees move, as it is now."""
+        """Current poses and boxes, the moving part of a scan."""
         return {name: self._rows[name] for name in ("pose", "boxes")}
 
     def _make_room(self, num_walls: int) -> None:
@@ -154,13 +154,13 @@ class BatchedSimulator(Simulator):
             self._make_scratch()
 
     def _make_scratch(self) -> None:
-        """Make the kernel's scratch as wide as the rows of walls and pedestrians."""
+        """Allocate the scratch memory of the kernel for all rows of walls and pedestrians."""
         num_boxes = self._rows["walls"].shape[1] + self.max_pedestrians
         self._near = self._rows["tick"].new_empty(self.num_worlds, num_boxes)
 
     def _reset_pedestrians(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         rows = self._rows
-        # present pedestrians move to the front, in their order, if there are more rows than K
+        # present pedestrians move to the front, because a scenario may have more than K rows
         order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)
         order = order[:, : self.max_pedestrians]
         row, count = torch.arange(len(worlds), device=self.device)[:, None], order.shape[1]
@@ -183,14 +183,14 @@ class BatchedSimulator(Simulator):
         )
 
     def _check_last_commands(self) -> None:
-        """Raise what :meth:`step` could not on a device without waiting for it."""
+        """Raise the error that :meth:`step` defers on CUDA to avoid synchronization."""
         if self.device.type == "cpu" or bool(self._all_finite):
             return
         self._all_finite.fill_(True)
-        raise ValueError("command must be finite, got NaN or infinity since the last reset")
+        raise ValueError("command: must be finite, got NaN or infinity since the last reset")
 
     def _finite(self, command: Tensor) -> Tensor:
-        """Return a device's command with zeros for what is not finite, and take note of that."""
+        """Replace non-finite commands on CUDA by zero and record that there were any."""
         if self.device.type == "cpu":
             return command
         self._all_finite.logical_and_(torch.isfinite(command).all())
@@ -274,13 +274,13 @@ class BatchedSimulator(Simulator):
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
         needed = self._rows.keys() | self.clock_state().keys()
         if state.keys() != needed:
-            raise ValueError(f"state must have the keys {sorted(needed)}, got {sorted(state)}")
+            raise ValueError(f"state: must have the keys {sorted(needed)}, got {sorted(state)}")
         for name, rows in self._rows.items():
             wanted, got = list(rows.shape), list(state[name].shape)
             if name == "walls":
                 wanted[1] = got[1] if len(got) == 3 else -1
             if wanted != got:
-                raise ValueError(f"state[{name!r}] must be {wanted}, got {got}")
+                raise ValueError(f"state[{name!r}]: must have shape {wanted}, got {got}")
         self._rows = {
             name: state[name].to(self.device, rows.dtype, copy=True)
             for name, rows in self._rows.items()
@@ -291,7 +291,7 @@ class BatchedSimulator(Simulator):
 
 
 def _drive_parameters(robot: RobotModel) -> tuple:
-    """Return the kernel's ``drive``: a differential drive's, or that another model drives."""
+    """Return the ``drive`` argument of the kernel for a differential drive or another model."""
     if not isinstance(robot, DifferentialDrive):
         return (robot.radius, True, 1.0, math.inf, 0.0, 0.0, 0.0)
     return (

@@ -1,8 +1,8 @@
-"""The reference simulator: PyBullet says what the lidar sees and what the robot touches.
+"""Reference simulator: PyBullet computes scans and contacts.
 
-The drive and the pedestrians' routes are the same code as everywhere, but no ray and no contact is
-computed with navrl's own geometry, so that equal episodes on
-:class:`navrl.sim.BatchedSimulator` are evidence for both.
+The motion of robots and pedestrians is the same code as in the batched simulator, but rays and
+contacts are not computed with navrl's own geometry, so equal episodes on
+:class:`navrl.sim.BatchedSimulator` validate both.
 """
 
 from __future__ import annotations
@@ -26,39 +26,40 @@ from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds import ScenarioBatch
 
-GOLDEN_RATIO = 0.618034  # scatters the order in which storeys are built: PyBullet's tree of bodies
-# stays balanced, and rays in the last of 64 worlds cost as much as in the first (else 6 times more)
+# Scatters the order in which stories are built, which keeps PyBullet's tree of bodies balanced;
+# otherwise rays in the last of 64 worlds take 6 times as long as in the first.
+GOLDEN_RATIO = 0.618034
 STOREY_HEIGHT = 100.0  # m between two worlds of one client
-MAX_REMOVED_BODIES = 5000  # PyBullet keeps 7 kB of each body removed until it starts afresh
+MAX_REMOVED_BODIES = 5000  # PyBullet leaks 7 kB per removed body until the simulation is reset
 
 
 class BulletSimulator(Simulator):
-    """The checked simulator: a few hundred scans a second.
+    """Reference simulator on PyBullet: a few hundred scans per second.
 
-    Nothing is driven by forces: at each substep poses are set and PyBullet is asked for contacts.
-    All worlds live in one PyBullet client, one below the other: a client of its own for each would
-    cost 30 MB a world. Native memory is held until :meth:`close`; leaving a ``with`` block closes
-    the simulator too.
+    There are no forces: at each substep poses are set and PyBullet is queried for contacts. All
+    worlds are stored in one PyBullet client, one below the other, because separate clients would
+    take 30 MB per world. Native memory is released by :meth:`close` or at the end of a ``with``
+    block.
 
     Args:
-        num_worlds: N.
-        robot: the base.
-        lidar: its beams.
-        time_step_s: duration of a step, s.
-        substeps: contact checks a step.
-        max_pedestrians: K, rows of :attr:`SimState.pedestrians`.
-        gui: whether to show world 0 in PyBullet's window, in real time.
-        device: ``cpu``, PyBullet has no other.
-        pedestrians: where pedestrians walk; their scenario's routes if None.
-        delays: ages of scans and commands; none if None.
+        num_worlds: Number of worlds N.
+        robot: Robot model.
+        lidar: Lidar model.
+        time_step_s: Duration of a step, s.
+        substeps: Contact checks per step.
+        max_pedestrians: Number of rows K of :attr:`SimState.pedestrians`.
+        gui: Whether to show world 0 in PyBullet's window, in real time.
+        device: ``cpu``; PyBullet does not support other devices.
+        pedestrians: Pedestrian model; None for the routes of the scenario.
+        delays: Ages of scans and commands; None for no delays.
 
     Raises:
-        ValueError: a value is not positive, or ``device`` is not ``cpu``.
-        RuntimeError: ``gui`` without a display, or PyBullet gives no more clients.
+        ValueError: If a value is not positive, or ``device`` is not ``cpu``.
+        RuntimeError: If ``gui`` is set without a display, or PyBullet has no more clients.
 
     Reference:
-        Paper Sec. IV-A: PyBullet, dt = 0.2 s. Contacts are looked for every 0.02 s here, so none
-        is passed over.
+        Paper Sec. IV-A: PyBullet, dt = 0.2 s. Contacts are checked every 0.02 s, so that none is
+        missed.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class BulletSimulator(Simulator):
         self._client: Client | None = None
         if str(device) != "cpu":
             raise ValueError(
-                f"device={str(device)!r}: PyBullet runs on the cpu; simulator=batched runs on both"
+                f"device={str(device)!r}: must be cpu for PyBullet; simulator=batched supports cuda"
             )
         super().__init__(
             num_worlds,
@@ -96,12 +97,12 @@ class BulletSimulator(Simulator):
             "tick": torch.zeros(self.num_worlds, **whole),  # substeps since the reset
             "contact": torch.zeros(self.num_worlds, **whole),
         }
-        if self.pedestrians.is_reactive:  # else the tick says where they are
+        if self.pedestrians.is_reactive:  # otherwise the tick determines their positions
             shape = (self.num_worlds, self.max_pedestrians, 5)
             self._rows["boxes"] = torch.full(shape, torch.nan, **real)
         self._rests = torch.zeros(self.num_worlds, dtype=torch.bool)
         self._scans = torch.empty(self.num_worlds, lidar.num_beams)
-        self._is_scanned = torch.zeros(self.num_worlds, dtype=torch.bool)  # and is still there
+        self._is_scanned = torch.zeros(self.num_worlds, dtype=torch.bool)  # saved scan is valid
         self._scenarios = ScenarioRows(self.num_worlds, self.max_pedestrians)
         self._client = Client(gui)
         self._num_removed = 0
@@ -130,7 +131,7 @@ class BulletSimulator(Simulator):
         self._build(worlds.tolist())
 
     def _build(self, worlds: list[int]) -> None:
-        """Make these scenes anew, everything where the rows say; now and then all scenes."""
+        """Rebuild these scenes from the rows; rebuild all scenes when PyBullet needs a reset."""
         self._num_removed += sum(len(self._scenes[world].bodies) for world in worlds)
         if self._num_removed > MAX_REMOVED_BODIES or len(worlds) == self.num_worlds:
             self._client.resetSimulation()
@@ -147,12 +148,12 @@ class BulletSimulator(Simulator):
             self._scenes[0].show()
 
     def _scripted(self, first: int, count: int) -> Tensor:
-        """Return [N, count, K, 5] boxes on their routes, from ``first`` substeps after now."""
+        """Return [N, count, K, 5] boxes on their routes, starting ``first`` substeps from now."""
         tick = self._rows["tick"][:, None] + torch.arange(first, first + count)
         return self._scenarios.pedestrians(tick * self.substep_s)
 
     def _boxes(self) -> Tensor:
-        """Return [N, K, 5] float64, where the pedestrians are now; NaN rows are absent."""
+        """Return [N, K, 5] float64, the current boxes of the pedestrians; NaN rows are absent."""
         return self._rows["boxes"] if self.pedestrians.is_reactive else self._scripted(0, 1)[:, 0]
 
     def step(self, command: Tensor) -> SimState:
@@ -175,7 +176,7 @@ class BulletSimulator(Simulator):
         return self.state()
 
     def _tracks(self) -> Tensor:
-        """Return [N, S + 1, K, 5], the pedestrians at the step's start and after each substep."""
+        """Return [N, S + 1, K, 5], pedestrian boxes at the start and after each substep."""
         scripted = self._scripted(0, self.substeps + 1)
         if not self.pedestrians.is_reactive:
             return scripted
@@ -193,7 +194,7 @@ class BulletSimulator(Simulator):
         """Advance one world by a step, or to its first contact.
 
         Returns:
-            The number of substeps driven, and the pose at the time of this step's snapshot.
+            The number of executed substeps, and the pose at the time of the step's scan snapshot.
         """
         rows, scene = self._rows, self._scenes[world]
         pose, velocity = rows["pose"][world].tolist(), rows["velocity"][world].tolist()
@@ -226,7 +227,7 @@ class BulletSimulator(Simulator):
             pose=rows["pose"].float(),
             velocity=rows["velocity"].float(),
             contact=rows["contact"].clone(),
-            pedestrians=self._boxes().float(),  # a copy, since its dtype changes
+            pedestrians=self._boxes().float(),  # copied by the change of dtype
             time_s=(rows["tick"] * self.substep_s).float(),
         )
 
@@ -236,7 +237,7 @@ class BulletSimulator(Simulator):
         for world in chosen[~self._is_scanned[chosen]].tolist():
             self._scans[world] = torch.from_numpy(self._scan(world))
         self._is_scanned[chosen] = True
-        return self._scans[chosen]  # a copy
+        return self._scans[chosen]  # copied by indexing
 
     def walls(self, world: int) -> Tensor:
         self._check_ready()
@@ -244,7 +245,7 @@ class BulletSimulator(Simulator):
         return row["boxes"][: int(row["num_boxes"])].clone()
 
     def _scan(self, world: int) -> np.ndarray:
-        """Return what one world's lidar reports, which may show an earlier time."""
+        """Return the scan reported by the lidar of one world, which may be delayed."""
         scene, pose = self._scenes[world], self._rows["pose"][world].tolist()
         if not self.scan_memory.is_used:
             return scene.scan(pose)
@@ -258,7 +259,7 @@ class BulletSimulator(Simulator):
         """Return a picture [height, width, 3] uint8 of a world from above; needs no display.
 
         Raises:
-            RuntimeError: a world has not been reset yet.
+            RuntimeError: If a world has not been reset yet.
         """
         self._check_ready()
         return self._scenes[world].render(width, height)
@@ -272,7 +273,7 @@ class BulletSimulator(Simulator):
         for name, rows in self._rows.items():
             if name not in state or state[name].shape != rows.shape:
                 got = list(state[name].shape) if name in state else "nothing"
-                raise ValueError(f"state[{name!r}] must be {list(rows.shape)}, got {got}")
+                raise ValueError(f"state[{name!r}]: must have shape {list(rows.shape)}, got {got}")
         self._scenarios.load_state_dict(state)
         self._rows = {name: state[name].to(rows.dtype).clone() for name, rows in self._rows.items()}
         self.load_clock_state(state)
@@ -301,5 +302,5 @@ class BulletSimulator(Simulator):
         self.close()
 
     def __del__(self) -> None:
-        with contextlib.suppress(Exception):  # when the interpreter ends, modules may be gone
+        with contextlib.suppress(Exception):  # modules may be unloaded at interpreter exit
             self.close()

@@ -1,4 +1,4 @@
-"""One connection to PyBullet."""
+"""Connection to a PyBullet client."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Client:
     """A connection to PyBullet: ``client.f(...)`` is ``pybullet.f(..., physicsClientId=...)``.
 
     Args:
-        is_shown: whether to open a window.
+        is_shown: Whether to open a window.
 
     Raises:
-        RuntimeError: no display, or no more clients.
+        RuntimeError: If there is no display, or PyBullet has no more clients.
     """
 
     def __init__(self, is_shown: bool) -> None:
@@ -34,9 +34,9 @@ class Client:
         try:
             self._id = pybullet.connect(pybullet.GUI if is_shown else pybullet.DIRECT)
         except pybullet.error as error:
-            raise RuntimeError(f"PyBullet gives no client: {error}") from error
+            raise RuntimeError(f"PyBullet cannot open a client: {error}") from error
         if self._id < 0:
-            raise RuntimeError("PyBullet gives no client: too many are open in this process")
+            raise RuntimeError("PyBullet cannot open a client: too many are open in this process")
         if is_shown:
             self.configureDebugVisualizer(pybullet.COV_ENABLE_GUI, 0)
 
@@ -49,7 +49,7 @@ class Client:
 
     @contextlib.contextmanager
     def paused_drawing(self):
-        """Keep the window still while bodies are made."""
+        """Suspend rendering of the window while bodies are created."""
         if self.is_shown:
             self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 0)
         yield
@@ -57,13 +57,13 @@ class Client:
             self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1)
 
     def keep_pace(self, duration: float) -> None:
-        """Wait until ``duration`` s after the last call, if somebody watches."""
+        """Wait until ``duration`` s after the last call, if the window is shown."""
         if self.is_shown:
             now = time.monotonic()
             self._due = max(self._due + duration, now - duration)
             time.sleep(max(self._due - now, 0.0))
 
     def close(self) -> None:
-        """Disconnect, which frees all of the client's memory."""
+        """Disconnect and free the memory of the client."""
         if pybullet.isConnected(self._id):
             pybullet.disconnect(self._id)

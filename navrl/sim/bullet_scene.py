@@ -1,4 +1,4 @@
-"""One world as PyBullet bodies: walls, pedestrians, goal and robot."""
+"""PyBullet bodies of one world: walls, pedestrians, goal and robot."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from navrl.sim.bullet_client import Client
 
 WALL_HEIGHT = 1.2  # m; both heights grow if the lidar scans above them
-PEDESTRIAN_HEIGHT = 1.0  # m; lower than walls, so that a ray from above meets a wall first
+PEDESTRIAN_HEIGHT = 1.0  # m; lower than walls, so that a ray from above hits a wall first
 HEADROOM = 0.5  # m of obstacle above the scan plane
 ROBOT_HEIGHT = 0.42  # m, TurtleBot 2
-REACH = 1e-3  # m; bodies nearer than this are asked for their distance
+REACH = 1e-3  # m; the exact distance is computed for bodies nearer than this
 
-STATIC_GROUP = 2  # PyBullet's collision group of bodies without mass, all that rays are cast at
+STATIC_GROUP = 2  # PyBullet's collision group of bodies without mass, the targets of rays
 
-# A box of half sizes 1 as triangles. PyBullet's rays meet triangles exactly, but its own box shape
-# by an iteration that is up to a few centimetres off near edges and three times slower.
+# A box of half sizes 1 as triangles. Rays intersect triangles exactly, while PyBullet's box shape
+# uses an iteration that is three times slower and has errors of a few centimeters near edges.
 CORNERS = [[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
 FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 TRIANGLES = [corner for a, b, c, d in FACES for corner in (a, b, c, a, c, d)]
@@ -40,17 +40,17 @@ LIDAR_COLOUR = (0.10, 0.35, 0.75, 1.0)
 
 
 class Scene:
-    """Bodies of one world on its own storey of a client.
+    """Bodies of one world on its own story of a client.
 
     Bodies have no collision margin, and the robot is an upright capsule, whose side is exactly the
-    disc-shaped hull: distances come out to 1e-12 m. (PyBullet's cylinder is 3 um off, its box with
-    the margin that it has by default 0.4 mm at corners.)
+    disc-shaped hull, so distances are accurate to 1e-12 m. (The error of PyBullet's cylinder is
+    3 um, that of its box with the default margin 0.4 mm at corners.)
 
     Args:
-        client: where the bodies live.
-        robot: for its radius.
-        lidar: its beams and mount.
-        floor: height of this storey, m.
+        client: PyBullet client of the bodies.
+        robot: Robot model, for its radius.
+        lidar: Lidar model, for its beams and mount.
+        floor: Height of the floor of this story, m.
     """
 
     def __init__(self, client: Client, robot: RobotModel, lidar: Lidar, floor: float) -> None:
@@ -63,7 +63,7 @@ class Scene:
         self.forget()
 
     def forget(self) -> None:
-        """Take note that the client has lost all bodies."""
+        """Clear the lists of bodies after the client has removed them."""
         self.bodies: list[int] = []
         self._pedestrians: list[int] = []
 
@@ -71,7 +71,7 @@ class Scene:
         """Replace all bodies.
 
         Args:
-            scenario: one row of a :class:`navrl.worlds.ScenarioBatch`, pedestrians present first.
+            scenario: One row of a :class:`navrl.worlds.ScenarioBatch`, present pedestrians first.
         """
         for body in self.bodies:
             self._client.removeBody(body)
@@ -106,7 +106,7 @@ class Scene:
         client, r = self._client, self._radius
         height = max(ROBOT_HEIGHT, 2.0 * self._lidar.height)
         shape = client.createCollisionShape(client.GEOM_CAPSULE, radius=r, height=height)
-        # base, top plate and lidar, as (radius, length, z of the middle, colour); body at the floor
+        # base, top plate and lidar, as (radius, length, z of the center, color); body at the floor
         parts = [
             (r, 0.12, 0.06, HULL_COLOUR),
             (0.25 * r, 0.28, 0.26, HULL_COLOUR),
@@ -120,10 +120,10 @@ class Scene:
             visualFramePositions=[[0.0, 0.0, part[2]] for part in parts],
             rgbaColors=[part[3] for part in parts],
         )
-        return self._body(shape, visual, mass=1.0)  # no static body, so that rays pass it
+        return self._body(shape, visual, mass=1.0)  # not a static body, so rays ignore it
 
     def _furnish(self, scenario: dict[str, Tensor]) -> None:
-        """Add what is there for the eye alone: floor and goal."""
+        """Add the visual-only bodies: floor and goal."""
         client, (x, y, hx, hy) = self._client, self._view
         floor = client.createVisualShape(
             client.GEOM_BOX, halfExtents=[hx, hy, 0.01], rgbaColor=FLOOR_COLOUR
@@ -145,7 +145,7 @@ class Scene:
         self._client.resetBasePositionAndOrientation(body, (x, y, self._floor + z), orientation)
 
     def place(self, pose: list[float], boxes: list[list[float]]) -> None:
-        """Put the robot at (x, y, yaw) and the pedestrians where ``boxes`` says."""
+        """Move the robot to (x, y, yaw) and the pedestrians to ``boxes``."""
         x, y, yaw = pose
         self._move(self._robot, x, y, 0.0, yaw)
         middle = 0.5 * self._pedestrian_height
@@ -153,16 +153,16 @@ class Scene:
             self._move(body, box[0], box[1], middle, box[4])
 
     def contact(self, pose: list[float], travel: tuple[float, float]) -> int:
-        """Return the code of what the robot at (x, y, yaw) touches.
+        """Return the contact code of the robot at (x, y, yaw).
 
-        ``travel`` is its direction, world, rad, and the speed along it, m/s.
+        ``travel`` is its direction of travel, world, rad, and the speed along it, m/s.
         """
         (x, y, _), (heading, speed) = pose, travel
         reach, z = self._radius + REACH, self._scan_height
         near = self._client.getOverlappingObjects(
             (x - reach, y - reach, z), (x + reach, y + reach, z)
         )
-        inside = None  # surrounded by this body; asked for when there is any near
+        inside = None  # the body that contains (x, y); computed only if there are bodies nearby
         result = NONE
         for body in {body for body, _ in near or ()} - {self._robot}:
             inside = self._surrounding_body(x, y) if inside is None else inside
@@ -176,13 +176,13 @@ class Scene:
         return result
 
     def _touched_point(self, body: int) -> tuple[float, float] | None:
-        """Return the point (x, y) of the body that the robot reaches deepest, None if none."""
+        """Return the point (x, y) of deepest penetration into the body, None without contact."""
         points = self._client.getClosestPoints(self._robot, body, REACH)
         deepest = min(points, key=lambda point: point[8], default=None)
         return None if deepest is None or deepest[8] > 0.0 else deepest[6][:2]
 
     def _surrounding_body(self, x: float, y: float) -> int:
-        """Return the body that (x, y) lies in, -1 if none: what a ray from above meets."""
+        """Return the body that contains (x, y), -1 if none, by a ray from above."""
         top = self._floor + self._wall_height + HEADROOM
         hit = self._client.rayTest(
             (x, y, top), (x, y, self._scan_height), collisionFilterMask=STATIC_GROUP
@@ -190,7 +190,7 @@ class Scene:
         return hit[0][0]
 
     def scan(self, pose: list[float]) -> np.ndarray:
-        """Return the ranges [beams] float32 m that the lidar of the robot at (x, y, yaw) reads."""
+        """Return the ranges [beams] float32 m of the lidar for the robot at (x, y, yaw)."""
         (x, y, yaw), (along, across, turn) = pose, self._lidar.mount
         x += math.cos(yaw) * along - math.sin(yaw) * across
         y += math.sin(yaw) * along + math.cos(yaw) * across
@@ -204,17 +204,17 @@ class Scene:
         ends[:, 1] = y + reach * (sin * beam_cos + cos * beam_sin)
         ends[:, 2] = self._scan_height
         start, most = (x, y, self._scan_height), self._client.MAX_RAY_INTERSECTION_BATCH_SIZE // 2
-        fractions = []  # (half of what is allowed: a full batch comes back short of a ray)
+        fractions = []  # (half of the limit, because a full batch returns one ray less)
         for first in range(0, len(ends), most):
             chunk = ends[first : first + most].tolist()
             hits = self._client.rayTestBatch(
                 [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=STATIC_GROUP
             )
-            fractions += [hit[2] for hit in hits]  # exactly 1 where nothing is hit
+            fractions += [hit[2] for hit in hits]  # exactly 1 without a hit
         return (np.array(fractions) * reach).astype(np.float32)
 
     def show(self) -> None:
-        """Point the window's camera at this scene and draw the path."""
+        """Point the camera of the window at this scene and draw the path."""
         client, (x, y, hx, hy) = self._client, self._view
         client.resetDebugVisualizerCamera(1.2 * max(hx, hy), 0.0, -75.0, (x, y, self._floor))
         client.removeAllUserDebugItems()
@@ -236,7 +236,7 @@ class Scene:
 
 
 def _bounds(boxes: list[list[float]]) -> tuple[float, float, float, float]:
-    """Return the (cx, cy, hx, hy) that hold all boxes, m."""
+    """Return the bounding box (cx, cy, hx, hy) of all boxes, m."""
     low, high = [], []
     for cx, cy, hx, hy, yaw in boxes:
         cos, sin = abs(math.cos(yaw)), abs(math.sin(yaw))

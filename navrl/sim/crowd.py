@@ -1,4 +1,4 @@
-"""Pedestrian models: where each pedestrian goes during the next control step."""
+"""Pedestrian models: motion of the pedestrians during a control step."""
 
 from __future__ import annotations
 
@@ -12,55 +12,55 @@ if TYPE_CHECKING:
     from navrl.sim.state import SimState
     from navrl.worlds import ScenarioBatch
 
-_SMALLEST_STEP = 1e-6  # m; a pedestrian that moves less keeps the direction it faces
+_SMALLEST_STEP = 1e-6  # m; a pedestrian that moves less retains its heading
 
 
 class PedestrianModel(ABC):
-    """Decides once a control step where the pedestrians of all worlds walk.
+    """Base class of pedestrian models, which set the targets of all pedestrians once per step.
 
     A simulator calls :meth:`reset` when worlds begin an episode, after it has placed each
-    pedestrian at the start of its scripted route, and :meth:`targets` before each step. Between
-    two decisions a pedestrian walks a straight line at constant speed, and faces along it.
+    pedestrian at the start of its scripted route, and :meth:`targets` before each step. During a
+    step a pedestrian walks in a straight line at constant speed and faces along it.
 
     Attributes:
-        is_reactive: Whether pedestrians may depart from the routes of their scenario. A simulator
-            does not call a model that is not reactive, and only then is the future known.
+        is_reactive: Whether pedestrians may leave the routes of their scenario. A simulator does
+            not call a non-reactive model, for which future positions are known.
     """
 
     is_reactive: bool = True
 
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:  # noqa: B027, may be empty
-        """Begin episodes.
+        """Start episodes.
 
         Args:
-            worlds: [M] int64, the worlds that begin one.
-            scenarios: M scenarios; pedestrians present come first, in the order of
+            worlds: [M] int64, worlds that start an episode.
+            scenarios: M scenarios; present pedestrians come first, in the order of
                 :attr:`SimState.pedestrians`.
         """
 
     @abstractmethod
     def targets(self, state: SimState, duration_s: float) -> Tensor:
-        """Return where each pedestrian's center will be at the end of the step.
+        """Return the centers of the pedestrians at the end of the step.
 
         Args:
-            state: Of all worlds, at the start of the step. A world in contact is not moved.
-            duration_s: Of the step, s.
+            state: State of all worlds at the start of the step. Worlds in contact do not move.
+            duration_s: Duration of the step, s.
 
         Returns:
-            [N, K, 2] m, world. NaN lets a pedestrian follow its scripted route: for the whole
-            episode, since that is a function of time alone.
+            [N, K, 2] m, world. With NaN a pedestrian follows its scripted route, which must hold
+            for the whole episode, because the route is a function of time only.
         """
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Return all that :meth:`load_state_dict` needs to continue bit for bit."""
+        """Return the state that :meth:`load_state_dict` needs to continue bit for bit."""
         return {}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:  # noqa: B027, may be empty
-        """Continue from what :meth:`state_dict` returned."""
+        """Continue from a state of :meth:`state_dict`."""
 
 
 class ScriptedRoutes(PedestrianModel):
-    """Pedestrians walk their scenario's routes to and fro and never react.
+    """Non-reactive pedestrians that walk back and forth on the routes of their scenario.
 
     Reference:
         Paper Sec. IV-F: pedestrians that do not give way.
@@ -69,19 +69,20 @@ class ScriptedRoutes(PedestrianModel):
     is_reactive = False
 
     def targets(self, state: SimState, duration_s: float) -> Tensor:
-        """Return NaN for each pedestrian: its route says where it is."""
+        """Return NaN for each pedestrian, so that it follows its route."""
         return torch.full_like(state.pedestrians[..., :2], torch.nan)
 
 
 def step_legs(boxes: Tensor, targets: Tensor) -> Tensor:
-    """Return the straight line that each pedestrian walks during a step.
+    """Return the line segment on which each pedestrian walks during a step.
 
     Args:
-        boxes: [N, K, 5] float64 (cx, cy, hx, hy, yaw) at the step's start, world; NaN rows absent.
-        targets: [N, K, 2] m, centers at the step's end; NaN rows follow their scripted route.
+        boxes: [N, K, 5] float64 (cx, cy, hx, hy, yaw) at the start of the step, world; NaN rows are
+            absent.
+        targets: [N, K, 2] m, centers at the end of the step; NaN rows follow their scripted route.
 
     Returns:
-        [N, K, 5] float64 (x, y at the start, x, y at the end, yaw); NaN rows walk no such line.
+        [N, K, 5] float64 (x, y at the start, x, y at the end, yaw); NaN rows have no segment.
 
     Raises:
         ValueError: If the shape of ``targets`` is not ``[N, K, 2]`` or a value is infinite.
@@ -100,13 +101,13 @@ def step_legs(boxes: Tensor, targets: Tensor) -> Tensor:
 
 
 def boxes_along(legs: Tensor, boxes: Tensor, scripted: Tensor, shares: Tensor) -> Tensor:
-    """Return where pedestrians are at several times within a step.
+    """Return the boxes of pedestrians at several times within a step.
 
     Args:
         legs: [N, K, 5], see :func:`step_legs`.
-        boxes: [N, K, 5] at the step's start.
-        scripted: [N, S, K, 5], where those without a leg are.
-        shares: [S] of the step that have passed, in [0, 1].
+        boxes: [N, K, 5], boxes at the start of the step.
+        scripted: [N, S, K, 5], boxes of pedestrians without a leg.
+        shares: [S], elapsed fractions of the step, in [0, 1].
 
     Returns:
         [N, S, K, 5] float64 boxes, world.

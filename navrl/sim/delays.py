@@ -1,4 +1,4 @@
-"""Delays between robot and controller, counted in substeps of the simulator's clock."""
+"""Sensing and actuation delays, as multiples of the substep of the simulator."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _TOLERANCE = 1e-6  # substeps
 
 @dataclass(frozen=True)
 class Delays:
-    """How old a scan is when it is reported, and how late a command takes effect.
+    """Delays of scans and commands.
 
     Args:
-        scan_age_s: Age of a scan when the policy reads it, s. The pose stays that of now.
-        speed_delay_s: Time from a step's start until its forward speed is obeyed, s; the earlier
-            commands hold until then, and zero before the first.
+        scan_age_s: Age of a scan when the policy reads it, s. The reported pose is not delayed.
+        speed_delay_s: Time from the start of a step until its forward speed takes effect, s; the
+            earlier commands apply until then, and zero before the first command.
         turn_rate_delay_s: The same for the turn rate, s.
 
     Raises:
@@ -38,7 +38,7 @@ class Delays:
         """Return a delay as a number of substeps.
 
         Raises:
-            ValueError: If it is not a whole number of them.
+            ValueError: If the delay is not a multiple of the substep.
         """
         value = getattr(self, name)
         count = round(value / substep_s)
@@ -48,15 +48,15 @@ class Delays:
 
 
 class CommandQueue:
-    """Commands that were given and have not taken effect yet.
+    """Queue of commands that have not taken effect yet.
 
     Args:
-        num_worlds: N.
-        command_size: C.
-        delays: Speed and turn rate may differ; further components go with the turn rate.
-        substeps: Of a step.
-        substep_s: Duration of one, s.
-        device: Of the commands.
+        num_worlds: Number of worlds N.
+        command_size: Number of command components C.
+        delays: Delays of speed and turn rate; further components have that of the turn rate.
+        substeps: Substeps per step.
+        substep_s: Duration of a substep, s.
+        device: Device of the commands.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class CommandQueue:
             wait - (steps - 1) * substeps if steps else 0
             for wait, steps in zip(waits, self._steps, strict=True)
         )
-        """Substep from which the newer command of :meth:`push` holds, of speed and turn rate."""
+        """Substep at which the newer command of :meth:`push` takes effect: speed, turn rate."""
         count = max(self._steps)
         self.pending = torch.zeros(
             num_worlds, count, command_size, dtype=torch.float64, device=device
         )
-        """[N, D, C] float64, the commands of the last steps, the latest first."""
+        """[N, D, C] float64, commands of the last steps, latest first."""
 
     def push(self, command: Tensor) -> tuple[Tensor, Tensor]:
         """Add the commands of a step.
@@ -90,7 +90,7 @@ class CommandQueue:
             command: [N, C] float64.
 
         Returns:
-            ``(older, newer)``, [N, C] each: what holds before and from :attr:`first_substeps` on.
+            ``(older, newer)``, [N, C] each: commands before and from :attr:`first_substeps` on.
         """
         if self.pending.shape[1] == 0:
             return command, command
@@ -102,23 +102,23 @@ class CommandQueue:
         return older, newer
 
     def reset(self, worlds: Tensor) -> None:
-        """Forget the commands of these worlds [M]: the robots were at rest."""
+        """Set the pending commands of these worlds [M] to zero; the robots are stationary."""
         self.pending[worlds] = 0.0
 
 
 class ScanMemory:
-    """Where robot and pedestrians were at the times of the scans that are still to be reported.
+    """Snapshots of robot and pedestrians at the times of scans that are not reported yet.
 
     Args:
-        delays: For the age of a scan.
-        substeps: Of a step.
-        substep_s: Duration of one, s.
+        delays: Delays, for the age of a scan.
+        substeps: Substeps per step.
+        substep_s: Duration of a substep, s.
     """
 
     def __init__(self, delays: Delays, substeps: int, substep_s: float) -> None:
         age = delays.substeps("scan_age_s", substep_s)
         self.num_steps = -(-age // substeps)
-        """Steps between a snapshot and the scan that shows it, rounded up; 0 without delay."""
+        """Steps between a snapshot and its scan, rounded up; 0 without delay."""
         self.scanned_substep = self.num_steps * substeps - age if age else substeps
         """Substep of each step before which the snapshot is taken; ``substeps`` without delay."""
         self._snapshots: list[dict[str, Tensor]] = []
@@ -129,7 +129,7 @@ class ScanMemory:
         return self.num_steps > 0
 
     def reset(self, worlds: Tensor, now: dict[str, Tensor]) -> None:
-        """Let the past of these worlds [M] be what is ``now`` [N, ...]: nothing moved before."""
+        """Fill the snapshots of these worlds [M] with the current rows ``now`` [N, ...]."""
         while len(self._snapshots) < self.num_steps:
             self._snapshots.append({name: rows.clone() for name, rows in now.items()})
         for snapshot in self._snapshots:
@@ -137,7 +137,7 @@ class ScanMemory:
                 rows[worlds] = now[name][worlds]
 
     def next(self) -> dict[str, Tensor]:
-        """Return the rows that the coming step writes its snapshot into; the oldest goes."""
+        """Discard the oldest snapshot and return the rows for the snapshot of the next step."""
         latest = self._snapshots[-1]
         rows = {name: value.clone() for name, value in latest.items()}
         self._snapshots = [*self._snapshots[1:], rows]
@@ -145,7 +145,7 @@ class ScanMemory:
 
     @property
     def oldest(self) -> dict[str, Tensor]:
-        """What the present scan shows."""
+        """Snapshot of the current scan."""
         return self._snapshots[0]
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -157,7 +157,7 @@ class ScanMemory:
         }
 
     def load_state_dict(self, state: dict[str, Tensor], device: torch.device) -> None:
-        """Restore what :meth:`state_dict` returned; other keys are passed over."""
+        """Restore the snapshots of :meth:`state_dict`; other keys are ignored."""
         snapshots: dict[int, dict[str, Tensor]] = {}
         for key, rows in state.items():
             if key.startswith("snapshot."):

@@ -1,4 +1,4 @@
-"""The lidar: where its beams go and how its ranges scatter."""
+"""Lidar model: beam directions, range limit, mount and noise."""
 
 import math
 from collections.abc import Sequence
@@ -20,10 +20,10 @@ class Lidar:
     beam. The robot itself is never seen.
 
     Args:
-        num_beams: beams a scan.
-        max_range: cap, m.
+        num_beams: Beams per scan.
+        max_range: Range limit, m.
         noise: ``gaussian``, ``uniform`` or ``none``.
-        noise_amplitude: m; standard deviation of ``gaussian``, half width of ``uniform``.
+        noise_amplitude: Standard deviation of ``gaussian``, half width of ``uniform`` noise, m.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
         height: of the scan plane over the floor, m; PyBullet casts its rays there.
         angle_min: angle of beam 0, rad.
@@ -31,11 +31,11 @@ class Lidar:
             None spreads the beams evenly over a full circle, counter-clockwise.
 
     Raises:
-        ValueError: a value is outside of its range.
+        ValueError: If a value is out of range.
 
     Reference:
         Paper Sec. IV-G: RPLidar A3, 1,440 beams, capped at 3.5 m, noise "amplitude of 2.5 cm",
-        read here as the standard deviation of a beam; it is added on real returns only.
+        interpreted as the standard deviation of a beam and added to returns only.
     """
 
     def __init__(
@@ -50,10 +50,10 @@ class Lidar:
         angle_increment: float | None = None,
     ) -> None:
         if num_beams < 1:
-            raise ValueError(f"num_beams must be at least 1, got {num_beams}")
+            raise ValueError(f"num_beams={num_beams}: must be at least 1")
         for name, value in (("max_range", max_range), ("height", height)):
             if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
+                raise ValueError(f"{name}={value}: must be positive and finite (m)")
         if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
             raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
         check_layout(1, None, angle_min, angle_increment, mount)
@@ -89,7 +89,7 @@ class Lidar:
         return self.num_beams, self.angle_min, self.angle_increment
 
     def points(self, ranges: Tensor) -> Tensor:
-        """Return where each beam ends, in the robot frame.
+        """Return the end point of each beam in the robot frame.
 
         Args:
             ranges: [*B, num_beams] m.
@@ -117,14 +117,14 @@ class Lidar:
         return torch.where(ranges < self.max_range, distance, self.max_range).amin(dim=-1)
 
     def add_noise(self, ranges: Tensor, seed: Tensor, step: Tensor) -> Tensor:
-        """Return ``ranges`` with noise on real returns.
+        """Return ``ranges`` with noise added to returns.
 
         See :func:`navrl.ops.noise.add_range_noise`.
 
         Args:
-            ranges: [N, num_beams] float32 m, noise-free; left as they are.
-            seed: [N] int64, the scenarios' ``noise_seed``.
-            step: [N] int64, steps since each world's reset.
+            ranges: [N, num_beams] float32 m, noise-free; not modified.
+            seed: [N] int64, ``noise_seed`` of the scenarios.
+            step: [N] int64, steps since the reset of each world.
 
         Returns:
             [N, num_beams] float32 m, a new tensor.

@@ -1,4 +1,4 @@
-"""Robot bases: footprint, command limits, and how a command moves them."""
+"""Robot models: hull, command limits and motion."""
 
 import math
 from abc import ABC, abstractmethod
@@ -14,15 +14,15 @@ MODELS = ("kinematic", "wheeled")
 
 
 class RobotModel(ABC):
-    """A base with a disc-shaped hull: what it is commanded, and where a command takes it.
+    """Base class of robot models with a disc-shaped hull: command limits and motion.
 
-    Simulators, environment, runner and controllers know a base by this interface. A subclass
-    implements :attr:`command_limits` and :meth:`advance`; a base that can move sideways implements
-    :meth:`travel` too. State (pose, velocity) is held by the simulator; the object holds parameters
-    only. The velocity has the components of the command.
+    Simulators, environment, runner and controllers use robots through this interface. A subclass
+    implements :attr:`command_limits` and :meth:`advance`, and :meth:`travel` if it can move
+    sideways. The simulator stores the state (pose, velocity); a model only holds parameters. The
+    velocity has the components of the command.
 
     Attributes:
-        radius: of the hull, m.
+        radius: Radius of the hull, m.
     """
 
     radius: float
@@ -36,13 +36,13 @@ class RobotModel(ABC):
     def advance(
         self, pose: Tensor, velocity: Tensor, command: Tensor, duration: float
     ) -> tuple[Tensor, Tensor]:
-        """Drive for one substep.
+        """Return pose and velocity after one substep.
 
         Args:
             pose: [*B, 3] float64 (x, y, yaw), world, m and rad.
-            velocity: [*B, C] of the substep before, in the components of the command.
+            velocity: [*B, C], velocity of the previous substep, in the components of the command.
             command: [*B, C], clipped to the limits by the model.
-            duration: s.
+            duration: Duration of the substep, s.
 
         Returns:
             Pose [*B, 3] and velocity [*B, C] after the substep.
@@ -55,7 +55,7 @@ class RobotModel(ABC):
         command: tuple[float, ...],
         duration: float,
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """:meth:`advance` for one robot in plain numbers."""
+        """Return pose and velocity of one robot as numbers; see :meth:`advance`."""
         row = (torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command))
         pose_after, velocity_after = self.advance(*row, duration)
         return tuple(pose_after[0].tolist()), tuple(velocity_after[0].tolist())
@@ -63,12 +63,12 @@ class RobotModel(ABC):
     def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return the direction of travel [*B], world, rad, and the speed along it [*B], m/s.
 
-        They classify contacts: the robot is at fault for what lies on the side that it drives to.
+        They classify contacts: the robot is at fault for contacts on the side it moves towards.
         """
         return pose[..., 2], velocity[..., 0]
 
     def travel_one(self, pose: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
-        """:meth:`travel` for one robot in plain numbers."""
+        """Return direction and speed of one robot as numbers; see :meth:`travel`."""
         row = (torch.tensor(value, dtype=torch.float64) for value in (pose, velocity))
         heading, speed = self.travel(*row)
         return float(heading), float(speed)
@@ -109,24 +109,24 @@ class RobotModel(ABC):
 
 
 class DifferentialDrive(RobotModel):
-    """Two driven wheels under a disc-shaped hull, commanded by (v, w).
+    """Differential drive with a disc-shaped hull, commanded by (v, w).
 
-    ``kinematic`` obeys a command at once, as the paper's simulation does. In ``wheeled`` the wheel
-    speeds approach those that the command asks for by at most ``wheel_acceleration`` times the
-    duration, as a real base's controller makes them. Both drive exact circular arcs. The state is
-    (pose, wheel speeds); the object itself holds parameters only.
+    The ``kinematic`` model follows a command immediately, as in the paper's simulation. In the
+    ``wheeled`` model the wheel speeds approach those of the command by at most
+    ``wheel_acceleration`` times the duration, as the controller of a real base does. Both move on
+    exact circular arcs. The state is (pose, wheel speeds); the object only holds parameters.
 
     Args:
-        radius: of the hull, m.
-        wheel_separation: distance between the wheels' contact points, m.
-        max_speed: largest forward speed, m/s.
-        max_turn_rate: largest turn rate to either side, rad/s.
-        min_speed: smallest forward speed, m/s; negative allows driving backwards.
+        radius: Radius of the hull, m.
+        wheel_separation: Distance between the contact points of the wheels, m.
+        max_speed: Largest forward speed, m/s.
+        max_turn_rate: Largest turn rate to either side, rad/s.
+        min_speed: Smallest forward speed, m/s; negative values allow reverse motion.
         model: ``kinematic`` or ``wheeled``.
-        wheel_acceleration: of each wheel's rim, m/s^2; used by ``wheeled`` alone.
+        wheel_acceleration: Largest acceleration of each wheel's rim, m/s^2; for ``wheeled`` only.
 
     Raises:
-        ValueError: a value is outside of its range.
+        ValueError: If a value is out of range.
 
     Reference:
         Paper Sec. IV-A: v in [0, 1] m/s, w in [-pi, pi] rad/s, no acceleration limits.
@@ -151,13 +151,13 @@ class DifferentialDrive(RobotModel):
         }
         for name, value in positive.items():
             if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
+                raise ValueError(f"{name}={value}: must be positive and finite")
         if not -math.inf < min_speed < max_speed:
             raise ValueError(
-                f"min_speed must be finite and less than max_speed={max_speed}, got {min_speed}"
+                f"min_speed={min_speed}: must be finite and less than max_speed={max_speed}"
             )
         if model not in MODELS:
-            raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
+            raise ValueError(f"model={model!r}: must be one of {', '.join(MODELS)}")
         self.radius = float(radius)
         self.wheel_separation = float(wheel_separation)
         self.max_speed = float(max_speed)
@@ -173,7 +173,7 @@ class DifferentialDrive(RobotModel):
 
     @property
     def acceleration_limit(self) -> float:
-        """Largest change of a wheel's speed, m/s^2; infinite for the kinematic model."""
+        """Largest acceleration of a wheel's rim, m/s^2; infinite for the kinematic model."""
         return self.wheel_acceleration if self.model == "wheeled" else math.inf
 
     @property
@@ -195,18 +195,18 @@ class DifferentialDrive(RobotModel):
     def advance(
         self, pose: Tensor, velocity: Tensor, command: Tensor, duration: float
     ) -> tuple[Tensor, Tensor]:
-        """Drive for one substep.
+        """Return pose and velocity after one substep.
 
-        The new velocity holds over the whole substep: the wheels change speed at its start.
+        The wheel speeds change at the start of the substep; the new velocity applies to all of it.
 
         Args:
-            pose: [*B, 3] (x, y, yaw), world; float64 for exact work.
-            velocity: [*B, 2] (v, w) of the substep before.
-            command: [*B, 2] (v, w), clipped to the limits here.
-            duration: s.
+            pose: [*B, 3] (x, y, yaw), world, m and rad; float64 for exact results.
+            velocity: [*B, 2] (v, w) of the previous substep, m/s and rad/s.
+            command: [*B, 2] (v, w), m/s and rad/s, clipped to the limits here.
+            duration: Duration of the substep, s.
 
         Returns:
-            Pose and velocity after the substep.
+            Pose [*B, 3] and velocity [*B, 2] after the substep.
         """
         target = self.clip(command.to(pose.dtype))
         if self.model == "wheeled":
@@ -222,7 +222,7 @@ class DifferentialDrive(RobotModel):
         command: tuple[float, float],
         duration: float,
     ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-        """:meth:`advance` without tensors, a few microseconds."""
+        """Return pose and velocity without tensors, in a few microseconds; see :meth:`advance`."""
         v = min(max(command[0], self.min_speed), self.max_speed)
         w = min(max(command[1], -self.max_turn_rate), self.max_turn_rate)
         if self.model == "wheeled":

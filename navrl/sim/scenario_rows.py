@@ -1,4 +1,4 @@
-"""Which scenario each world plays, kept as one batch of N rows."""
+"""Scenarios of all worlds, stored as one batch of N rows."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ _PREFIX = "scenario."
 
 
 class ScenarioRows:
-    """N scenarios, one a world, replaced a few at a time.
+    """Batch of N scenarios, one per world, with replacement of single rows.
 
-    Every row has room for ``max_pedestrians`` people, those present first, and for the most walls
-    seen so far.
+    Every row has space for ``max_pedestrians`` pedestrians, present ones first, and for the largest
+    number of walls so far.
 
     Args:
-        num_worlds: N.
-        max_pedestrians: K.
+        num_worlds: Number of worlds N.
+        max_pedestrians: Number of pedestrian rows K.
     """
 
     def __init__(self, num_worlds: int, max_pedestrians: int) -> None:
         self._num_worlds, self._max_pedestrians = num_worlds, max_pedestrians
-        self._batch: ScenarioBatch | None = None  # rows of worlds never reset hold anything
+        self._batch: ScenarioBatch | None = None  # rows of worlds without a reset are undefined
 
     def put(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Write scenario ``i`` into row ``worlds[i]``."""
@@ -37,17 +37,17 @@ class ScenarioRows:
         self._batch = ScenarioBatch.from_tensors(kept)
 
     def row(self, world: int) -> dict[str, Tensor]:
-        """Return one scenario's tensors by name."""
+        """Return the tensors of one scenario by name."""
         return {name: rows[world] for name, rows in self._batch.tensors().items()}
 
     def pedestrians(self, times_s: Tensor) -> Tensor:
-        """Return where everybody is.
+        """Return the boxes of all pedestrians on their routes.
 
         Args:
-            times_s: [N, T] float64 s since each world's reset.
+            times_s: [N, T] float64 s since the reset of each world.
 
         Returns:
-            [N, T, K, 5] float64 boxes, world; NaN rows where nobody is.
+            [N, T, K, 5] float64 boxes, world; NaN rows are absent.
         """
         shape = (*times_s.shape, self._max_pedestrians, 5)
         if self._batch is None:
@@ -56,15 +56,15 @@ class ScenarioRows:
         return pedestrian_boxes(self._batch[worlds], times_s.flatten()).reshape(shape)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Return copies of all rows; nothing before the first :meth:`put`."""
+        """Return copies of all rows; empty before the first :meth:`put`."""
         tensors = {} if self._batch is None else self._batch.tensors()
         return {_PREFIX + name: rows.clone() for name, rows in tensors.items()}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take over the rows that :meth:`state_dict` returned; other keys are passed over.
+        """Restore the rows of :meth:`state_dict`; other keys are ignored.
 
         Raises:
-            ValueError: a key is missing, or the rows are for another N or K.
+            ValueError: If a key is missing, or the rows have another N or K.
         """
         tensors = {
             name.removeprefix(_PREFIX): rows.clone()
@@ -76,15 +76,17 @@ class ScenarioRows:
             return
         missing = ScenarioBatch.__dataclass_fields__.keys() - tensors.keys()
         if missing:
-            raise ValueError(f"state lacks {sorted(_PREFIX + name for name in missing)}")
+            raise ValueError(f"state: lacks {sorted(_PREFIX + name for name in missing)}")
         wanted, got = (self._num_worlds, self._max_pedestrians), tensors["ped_present"].shape
         if wanted != tuple(got):
-            raise ValueError(f"state['{_PREFIX}ped_present'] must be {list(wanted)}, got {[*got]}")
+            raise ValueError(
+                f"state['{_PREFIX}ped_present']: must have shape {list(wanted)}, got {[*got]}"
+            )
         self._batch = ScenarioBatch.from_tensors(tensors)
 
 
 def seated(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
-    """Move present pedestrians to the front, in their order, in K rows."""
+    """Move present pedestrians to the first of K rows, in order."""
     order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)[:, :max_pedestrians]
     row, count = torch.arange(len(scenarios))[:, None], order.shape[1]
     tensors = scenarios.tensors()
@@ -97,7 +99,7 @@ def seated(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
 
 
 def _widened(scenarios: ScenarioBatch, num_walls: int) -> dict[str, Tensor]:
-    """Return the tensors with room for so many walls."""
+    """Return the tensors padded to ``num_walls`` rows of walls."""
     tensors = scenarios.tensors()
     missing = num_walls - tensors["boxes"].shape[1]
     tensors["boxes"] = torch.nn.functional.pad(tensors["boxes"], (0, 0, 0, missing))

@@ -1,8 +1,8 @@
-"""What a simulator is: robots in scenarios, driven by (v, w), seen through a lidar.
+"""Interface of simulators: robots in scenarios, controlled by commands, with a lidar.
 
-One interface, two simulators: :class:`navrl.sim.BatchedSimulator` for speed and
-:class:`navrl.sim.BulletSimulator` as the checked reference. The same scenario and the same commands
-give the same episode on both.
+It has two implementations: :class:`navrl.sim.BatchedSimulator` for speed and
+:class:`navrl.sim.BulletSimulator` as the reference. The same scenario and commands result in the
+same episode on both.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ if TYPE_CHECKING:
     from navrl.worlds import ScenarioBatch
 
 
-FARTHEST_M = 10_000.0  # m from the origin, where a float32 pose is still exact to 1 mm
+FARTHEST_M = 10_000.0  # m from the origin; a float32 pose is accurate to 1 mm there
 
 
 class Simulator(ABC):
-    """N independent worlds, each with one robot, walls and pedestrians on fixed routes.
+    """Base class of simulators of N independent worlds with one robot, walls and pedestrians.
 
-    A step lasts ``time_step_s`` and is cut into ``substeps``. At each substep the robot and the
-    pedestrians are moved to the new time, then contacts are looked for; a world freezes at its
-    first contact (pose, pedestrians and clock) and stays frozen, reporting that contact, until it
-    is reset. Without a reactive model, pedestrians follow their routes in closed form of time.
+    A step of ``time_step_s`` is divided into ``substeps``. At each substep the robot and the
+    pedestrians are moved, then contacts are checked. A world freezes at its first contact (pose,
+    pedestrians and clock) and reports that contact until it is reset. Without a reactive model, the
+    positions of pedestrians are a closed-form function of time.
 
     Args:
-        num_worlds: N.
-        robot: the base: hull, command limits, motion.
-        lidar: the beams; its noise is the environment's business, :meth:`ranges` has none.
-        time_step_s: duration of one :meth:`step`, s.
-        substeps: contact checks a step.
-        max_pedestrians: K, rows of :attr:`SimState.pedestrians` whatever the scenarios hold.
-        pedestrians: where pedestrians walk; their scenario's routes if None.
-        delays: ages of scans and commands, whole numbers of substeps; none if None.
-        device: where the outputs are stored.
+        num_worlds: Number of worlds N.
+        robot: Robot model: hull, command limits, motion.
+        lidar: Lidar model; :meth:`ranges` has no noise, which the environment adds.
+        time_step_s: Duration of one :meth:`step`, s.
+        substeps: Contact checks per step.
+        max_pedestrians: Number of rows K of :attr:`SimState.pedestrians`.
+        pedestrians: Pedestrian model; None for the routes of the scenario.
+        delays: Ages of scans and commands, multiples of the substep; None for no delays.
+        device: Device of the outputs.
 
     Raises:
-        ValueError: a value is not positive, a delay is no multiple of the substep, or something is
-            missing for ``device``.
+        ValueError: If a value is not positive, a delay is not a multiple of the substep, or a
+            requirement of ``device`` is missing.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Simulator(ABC):
         }
         for name, value in positive.items():
             if not value > 0:
-                raise ValueError(f"{name} must be positive, got {value}")
+                raise ValueError(f"{name}={value}: must be positive")
         self.num_worlds, self.max_pedestrians = int(num_worlds), int(max_pedestrians)
         self.time_step_s, self.substeps = float(time_step_s), int(substeps)
         self.substep_s = self.time_step_s / self.substeps
@@ -85,33 +85,33 @@ class Simulator(ABC):
 
     @abstractmethod
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
-        """Put scenario ``i`` into world ``worlds[i]``: robot at its start, at rest, time zero.
+        """Start scenario ``i`` in world ``worlds[i]``: stationary robot at the start, time zero.
 
-        Other worlds are untouched, bit for bit.
+        Other worlds do not change, bit for bit.
 
         Args:
             worlds: [M] int64, distinct world indices.
             scenarios: M scenarios with at most ``max_pedestrians`` pedestrians each.
 
         Raises:
-            ValueError: lengths differ, an index is out of range or repeated, a scenario has more
-                pedestrians than ``max_pedestrians``, or a wall of it is impossible.
+            ValueError: If lengths differ, an index is out of range or repeated, or a scenario has
+                more pedestrians than ``max_pedestrians``, an invalid wall or a start too far away.
         """
 
     @abstractmethod
     def step(self, command: Tensor) -> SimState:
-        """Drive every robot for ``time_step_s``.
+        """Advance all worlds by ``time_step_s``.
 
         Args:
-            command: [N, C] in the robot's components, e.g. (v, w) in m/s and rad/s; clipped to
-                its limits.
+            command: [N, C], components of the robot model, e.g. (v, w) in m/s and rad/s; clipped
+                to its limits.
 
         Returns:
             The state after the step.
 
         Raises:
-            ValueError: wrong shape, or a value that is not finite.
-            RuntimeError: a world has not been reset yet.
+            ValueError: If the shape is wrong or a value is not finite.
+            RuntimeError: If a world has not been reset yet.
         """
 
     @abstractmethod
@@ -120,16 +120,16 @@ class Simulator(ABC):
 
     @abstractmethod
     def ranges(self, worlds: Tensor | None = None) -> Tensor:
-        """Scan worlds from their lidar's mount.
+        """Scan worlds from the mount of the lidar.
 
         Args:
-            worlds: [M] int64, the worlds to scan; all of them if None.
+            worlds: [M] int64, worlds to scan; None for all.
 
         Returns:
-            [M, beams] float32 m, noise-free, exactly ``lidar.max_range`` where nothing is hit.
+            [M, beams] float32 m, noise-free, exactly ``lidar.max_range`` without a hit.
 
         Raises:
-            RuntimeError: one of the worlds has not been reset yet.
+            RuntimeError: If one of the worlds has not been reset yet.
         """
 
     @abstractmethod
@@ -143,14 +143,13 @@ class Simulator(ABC):
             [W, 5] float64 boxes (cx, cy, hx, hy, yaw), m and rad, world frame.
 
         Raises:
-            RuntimeError: the world has not been reset yet.
+            RuntimeError: If the world has not been reset yet.
         """
 
-    def rest(self, worlds: Tensor) -> None:  # noqa: B027, to ignore it is the rule
-        """Say which worlds nobody needs any more until they are reset.
+    def rest(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
+        """Mark finished worlds; a simulator may skip them until reset.
 
-        A simulator that spares itself much by it leaves them as they are, frozen as after a contact
-        and with the same scan; others ignore it.
+        Skipped worlds are frozen as after a contact and report the same scan.
 
         Args:
             worlds: [N] bool.
@@ -158,14 +157,14 @@ class Simulator(ABC):
 
     @abstractmethod
     def state_dict(self) -> dict[str, Tensor]:
-        """Everything that :meth:`load_state_dict` needs to continue bit for bit."""
+        """Return the state that :meth:`load_state_dict` needs to continue bit for bit."""
 
     @abstractmethod
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Continue from what :meth:`state_dict` returned, of a simulator built alike."""
+        """Continue from a state of :meth:`state_dict` of a simulator with the same arguments."""
 
     def clock_state(self) -> dict[str, Tensor]:
-        """Return the part of :meth:`state_dict` that delays and pedestrian model need."""
+        """Return the part of :meth:`state_dict` for delays and pedestrian model."""
         state = {
             f"pedestrians.{name}": rows for name, rows in self.pedestrians.state_dict().items()
         }
@@ -174,15 +173,15 @@ class Simulator(ABC):
         return state | self.scan_memory.state_dict()
 
     def load_clock_state(self, state: dict[str, Tensor]) -> None:
-        """Restore what :meth:`clock_state` returned.
+        """Restore a state of :meth:`clock_state`.
 
         Raises:
-            ValueError: the delays differ.
+            ValueError: If the delays differ.
         """
         pending = state.get("pending_commands", self.commands.pending)
         if pending.shape != self.commands.pending.shape:
             wanted, got = list(self.commands.pending.shape), list(pending.shape)
-            raise ValueError(f"state['pending_commands'] must be {wanted}, got {got}")
+            raise ValueError(f"state['pending_commands']: must have shape {wanted}, got {got}")
         self.commands.pending = pending.to(self.device, torch.float64, copy=True)
         self.scan_memory.load_state_dict(state, self.device)
         prefix = "pedestrians."
@@ -190,11 +189,13 @@ class Simulator(ABC):
         self.pedestrians.load_state_dict(own)
 
     def check_reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
-        """Raise what :meth:`reset` promises to raise."""
+        """Raise the ``ValueError`` documented in :meth:`reset`."""
         if worlds.ndim != 1 or worlds.dtype != torch.int64:
-            raise ValueError(f"worlds must be [M] int64, got {list(worlds.shape)} {worlds.dtype}")
+            raise ValueError(f"worlds: must be [M] int64, got {list(worlds.shape)} {worlds.dtype}")
         if len(worlds) != len(scenarios):
-            raise ValueError(f"{len(worlds)} worlds to reset but {len(scenarios)} scenarios")
+            raise ValueError(
+                f"scenarios: must be {len(worlds)}, one for each of worlds, got {len(scenarios)}"
+            )
         if len(worlds) == 0:
             return
         inside = worlds.clamp(0, self.num_worlds - 1)
@@ -208,59 +209,59 @@ class Simulator(ABC):
             ~(scenarios.start.abs() <= FARTHEST_M).all(),  # NaN too
             bad_walls.any(),
         ]
-        # All verdicts at once, since a device has to be waited for.
+        # Transferred together, because each transfer synchronizes with the host.
         outside, repeated, crowded, nowhere, impossible = torch.stack(verdicts).tolist()
         if outside:
-            raise ValueError(f"worlds must be within 0..{self.num_worlds - 1}")
+            raise ValueError(f"worlds: must be within 0..{self.num_worlds - 1}")
         if repeated:
-            raise ValueError("worlds must be distinct")
+            raise ValueError("worlds: must be distinct")
         if crowded:
             raise ValueError(
-                f"a scenario has {int(most)} pedestrians, max_pedestrians is {self.max_pedestrians}"
+                f"max_pedestrians={self.max_pedestrians}: must be at least {int(most)}, the "
+                "pedestrians of a scenario"
             )
         if nowhere:
             raise ValueError(
-                f"scenarios.start must be finite and within {FARTHEST_M:.0f} m of the origin: "
-                "poses are float32; shift the scenario"
+                f"scenarios.start: must be finite and within {FARTHEST_M:.0f} m of the origin, "
+                "because poses are float32; shift the scenario"
             )
         if impossible:
             row, wall = bad_walls.nonzero()[0].tolist()
             raise ValueError(
-                f"wall {wall} of scenario {row} must be finite with half sizes >= 0, "
+                f"wall {wall} of scenario {row}: must be finite with half sizes >= 0, "
                 f"got {scenarios.boxes[row, wall].tolist()}"
             )
 
     def check_command(self, command: Tensor) -> None:
-        """Raise the ``ValueError`` that :meth:`step` promises.
+        """Raise the ``ValueError`` documented in :meth:`step`.
 
-        Whether numbers are finite is looked at on the CPU only: a device would have to be waited
-        for.
+        Finite values are checked on the CPU only, because the check synchronizes with the host.
         """
         wanted = [self.num_worlds, self.robot.command_size]
         if list(command.shape) != wanted:
-            raise ValueError(f"command must be {wanted}, got {list(command.shape)}")
+            raise ValueError(f"command: must be {wanted}, got {list(command.shape)}")
         if command.device != self.device:
-            raise ValueError(f"command must be on {self.device}, got {command.device}")
+            raise ValueError(f"command: must be on {self.device}, got {command.device}")
         if self.device.type == "cpu" and not bool(torch.isfinite(command).all()):
-            raise ValueError("command must be finite, got NaN or infinity")
+            raise ValueError("command: must be finite, got NaN or infinity")
 
     def trajectory(
         self, pose: Tensor, velocity: Tensor, older: Tensor, newer: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Drive all robots for a step without obstacles, by :meth:`RobotModel.advance`.
+        """Return the motion of all robots in a step without obstacles.
 
         Args:
-            pose: [N, 3] float64 (x, y, yaw), world.
-            velocity: [N, C] float64.
-            older: [N, C] float64, the command before the delays have passed.
-            newer: [N, C] float64, the command after.
+            pose: [N, 3] float64 (x, y, yaw), world, m and rad.
+            velocity: [N, C] float64, velocity at the start of the step.
+            older: [N, C] float64, command before the delays have passed.
+            newer: [N, C] float64, command after the delays have passed.
 
         Returns:
             [N, S, 5] float64 (x, y, yaw, direction of travel, speed along it) after each substep,
             and the velocities [N, S, C].
         """
         first = torch.tensor(self.commands.first_substeps, device=pose.device)
-        first = first[[0] + [1] * (self.robot.command_size - 1)]  # others go with the turn rate
+        first = first[[0] + [1] * (self.robot.command_size - 1)]  # others have that of turn rate
         points, velocities = [], []
         for index in range(self.substeps):
             command = torch.where(index >= first, newer, older)
@@ -270,11 +271,11 @@ class Simulator(ABC):
         return torch.stack(points, dim=1), torch.stack(velocities, dim=1)
 
     def close(self) -> None:
-        """Release what the simulator holds outside Python; a closed simulator is not used again."""
+        """Release native resources; a closed simulator cannot be used again."""
         return
 
 
 def _impossible(boxes: Tensor, num_boxes: Tensor) -> Tensor:
-    """Return [M, W], which leading ``num_boxes`` [M] of ``boxes`` [M, W, 5] no wall can be."""
+    """Return [M, W] bool, which of the first ``num_boxes`` [M] boxes [M, W, 5] are invalid."""
     is_wall = torch.arange(boxes.shape[1], device=boxes.device) < num_boxes[:, None]
     return is_wall & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))

@@ -1,4 +1,4 @@
-"""What a simulator reports: the true state of every world, and what robots touch."""
+"""True state of the worlds of a simulator and contact codes."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from navrl.ops import contact
 
 
 class Contact(IntEnum):
-    """What the robot touches, told apart because a robot is not to blame for every contact.
+    """Contact codes, which distinguish the at-fault party.
 
-    Decided at the first substep at which the robot's disc reaches a box (distance <= 0). A wall
-    wins over a pedestrian touched in the same substep. A pedestrian contact is ``RUN_INTO`` unless
-    the robot drives faster than :data:`navrl.ops.contact.MOVING_SPEED` and the pedestrian's nearest
-    point lies on the side that it drives towards: then it is ``PEDESTRIAN``. Among several
-    pedestrians touched in the same substep, ``PEDESTRIAN`` wins over ``RUN_INTO``.
+    A contact is classified at the first substep at which the disc of the robot touches a box
+    (distance <= 0). A wall has priority over a pedestrian in the same substep. A contact with a
+    pedestrian is ``PEDESTRIAN`` (robot at fault) if the robot drives faster than
+    :data:`navrl.ops.contact.MOVING_SPEED` and the pedestrian's nearest point lies on the side it
+    moves towards, else ``RUN_INTO`` (pedestrian at fault). Among several pedestrians in the same
+    substep, ``PEDESTRIAN`` has priority over ``RUN_INTO``.
     """
 
     NONE = contact.NONE
-    STATIC = contact.STATIC  # the robot touched a wall or a piece of furniture
-    PEDESTRIAN = contact.PEDESTRIAN  # the robot moved into a pedestrian, walking or standing
+    STATIC = contact.STATIC  # contact with a wall or a piece of furniture
+    PEDESTRIAN = contact.PEDESTRIAN  # the robot moved into a walking or stationary pedestrian
     RUN_INTO = contact.RUN_INTO  # a pedestrian moved into the robot
 
 
 @dataclass
 class SimState:
-    """The true state of every world after a step: fresh tensors, never views of the simulator.
+    """True state of every world after a step, as new tensors.
 
     Args:
         pose: [N, 3] float32 (x, y, yaw) of the robot, world; yaw in (-pi, pi].
-        velocity: [N, 2] float32 (v, w) driven at the end of the last step, m/s and rad/s.
-        contact: [N] int64 codes of :class:`Contact`.
-        pedestrians: [N, K, 5] float32 (cx, cy, hx, hy, yaw), world; NaN rows where absent.
-        time_s: [N] float32, time since the world's reset; stands still after a contact.
+        velocity: [N, C] float32, e.g. (v, w), at the end of the last step, m/s and rad/s.
+        contact: [N] int64, codes of :class:`Contact`.
+        pedestrians: [N, K, 5] float32 (cx, cy, hx, hy, yaw), world; NaN rows are absent.
+        time_s: [N] float32 s since the reset of the world; constant after a contact.
     """
 
     pose: Tensor

@@ -1,4 +1,4 @@
-"""Training: the loop, its replay, curriculum, checkpoints and logs."""
+"""Training: trainer, collectors, replay, curriculum, checkpoints and logs."""
 
 from navrl.training.behaviour import Behaviour
 from navrl.training.checkpoint import CheckpointError, CheckpointStore

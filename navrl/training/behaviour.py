@@ -1,4 +1,4 @@
-"""What acts while experience is collected: the actor, its noise, and guides in some worlds."""
+"""Behavior policy: actor, exploration noise and an optional guide in some worlds."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from navrl.algos import Exploration
 
 
 class Behaviour:
-    """Act in a batch of worlds to collect experience.
+    """Behavior policy that acts in a batch of worlds to collect experience.
 
     Args:
-        actor: The policy in training, writing a normalised action.
+        actor: Policy in training, which writes a normalized action.
         exploration: Noise on the actions.
-        guide: A controller that writes a normalised action too; ``None`` for none.
-        guided_fraction: Share of the worlds driven by the guide (with noise). Their transitions
-            enter the replay like all others: DDPG is off-policy. Not in the paper.
-        guided_frames: Frames after which the guide leaves; ``None`` for never.
-        random_frames: Frames at the start during which the other worlds act uniformly at random.
+        guide: Controller that writes a normalized action; ``None`` for no guide.
+        guided_fraction: Share of the worlds controlled by the guide (with noise). Their transitions
+            enter the replay like all others, because DDPG is off-policy. Not in the paper.
+        guided_frames: Frames after which the guide is disabled; ``None`` for never.
+        random_frames: Initial frames with uniformly random actions in the other worlds.
 
     Raises:
         ValueError: If a share is outside [0, 1], a count is negative or a guide is missing.

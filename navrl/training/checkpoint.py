@@ -1,4 +1,4 @@
-"""Checkpoints that survive a ``kill -9``, a power loss and a full disk, and detect damage."""
+"""Atomic checkpoints with checksums, safe against ``kill -9``, power loss and a full disk."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ import torch
 
 from navrl.files import replacing
 
-_SEAL = b"navrl-sha256"  # before the digest, at the end of a state file
+_SEAL = b"navrl-sha256"  # marker before the digest at the end of a state file
 _DIGEST_BYTES = 32
-_ZIP_END = b"PK\x05\x06"  # begins the last 22 bytes of what torch.save writes
+_ZIP_END = b"PK\x05\x06"  # start of the last 22 bytes of a file of torch.save
 _ZIP_END_BYTES = 22
 ADVICE = "put it back from a copy of the run, or start a new run"
 
 
 class CheckpointError(ValueError):
-    """A checkpoint is missing a part or is damaged; the message says what to do."""
+    """Error for an incomplete or damaged checkpoint; the message contains the remedy."""
 
 
 class CheckpointStore:
-    """One folder, one state file, replaced atomically.
+    """Folder with one state file that is replaced atomically.
 
-    The new state is written beside the old one and takes its name only once it is on disk, so
-    there is always one complete checkpoint. The file ends in the SHA-256 of what is before it;
-    older files without one are read too. Files hold tensors and plain data and are read with
-    ``weights_only``: loading runs no code.
+    A new state is written to a temporary file and renamed once it is on disk, so there is always
+    one complete checkpoint. The file ends with the SHA-256 of its content; older files without a
+    digest are accepted. Files contain tensors and plain data and are read with ``weights_only``, so
+    loading does not execute code.
 
     Args:
-        folder: Where the state file is stored.
+        folder: Folder of the state file.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -42,29 +42,29 @@ class CheckpointStore:
 
     @property
     def exists(self) -> bool:
-        """Whether there is something to resume from."""
+        """Whether there is a checkpoint to resume from."""
         return self._file.is_file()
 
     def check_new(self, log: Path) -> None:
-        """Verify that a run without a state file has not lost it.
+        """Check that a run without a state file is new, i.e. has not lost the file.
 
         Args:
             log: File that a run writes only after its first checkpoint.
 
         Raises:
-            CheckpointError: If the log or the replay journal is there.
+            CheckpointError: If the log or the replay journal exists.
         """
         if not self.exists and (log.is_file() or any(self.journal.glob("chunk_*"))):
             raise CheckpointError(
-                f"{self._file}: missing, though the run has saved before; {ADVICE} (to train again "
-                f"from frame 0 in this folder, delete {self.folder} and {log})"
+                f"{self._file}: missing, although the run has saved before; {ADVICE} (to train "
+                f"again from frame 0 in this folder, delete {self.folder} and {log})"
             )
 
     def save(self, state: dict) -> None:
-        """Write ``state``, then let it replace the previous one.
+        """Write ``state`` and replace the previous one.
 
         Raises:
-            OSError: If writing fails; the previous state stays.
+            OSError: If writing fails; the previous state is retained.
         """
         buffer = io.BytesIO()
         torch.save(state, buffer)
@@ -74,15 +74,15 @@ class CheckpointStore:
             file.write(_SEAL + hashlib.sha256(content).digest())
 
     def load(self) -> dict:
-        """Read the last state into the memory of the CPU, whatever device it was saved from.
+        """Read the last state to CPU memory, independent of the device it was saved on.
 
         Raises:
-            FileNotFoundError: If there is none.
+            FileNotFoundError: If there is no checkpoint.
             CheckpointError: If the file is damaged.
         """
         if not self.exists:
             raise FileNotFoundError(f"no checkpoint at {self._file}")
-        for unfinished in self.folder.glob(".state.*"):  # what a kill left of a later one
+        for unfinished in self.folder.glob(".state.*"):  # temporary files of a killed process
             unfinished.unlink()
         content = memoryview(self._file.read_bytes())
         if not _is_whole(content):
@@ -97,10 +97,10 @@ class CheckpointStore:
 
 @contextmanager
 def resumable(run: Path) -> Iterator[None]:
-    """Let an error of the operating system, e.g. a full disk, name what is safe and how to go on.
+    """Add the state of the run and the command to resume to an ``OSError`` of the block.
 
     Raises:
-        OSError: If the block raises one.
+        OSError: If the block raises one, e.g. for a full disk.
     """
     try:
         yield
@@ -113,12 +113,12 @@ def resumable(run: Path) -> Iterator[None]:
 
 
 def damaged(file: Path) -> CheckpointError:
-    """Return the error for a file whose content is not what was written."""
+    """Return the error for a file whose checksum or format is wrong."""
     return CheckpointError(f"{file}: damaged, its checksum or format is wrong; {ADVICE}")
 
 
 def _is_whole(content: memoryview) -> bool:
-    """Return whether the digest at the end fits; a file without one must end as a ZIP file."""
+    """Return whether the digest matches; a file without one must end like a ZIP file."""
     end = len(content) - len(_SEAL) - _DIGEST_BYTES
     if end > 0 and content[end : end + len(_SEAL)] == _SEAL:
         return hashlib.sha256(content[:end]).digest() == content[end + len(_SEAL) :]

@@ -1,4 +1,4 @@
-"""Where experience comes from: worlds in this process, or workers that send theirs."""
+"""Collectors of experience: protocol and in-process implementation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.training.behaviour import Behaviour
 
 MakeEnv = Callable[[int], TransformedEnv]
-"""From a seed to a training environment with its transforms; must pickle for workers."""
+"""Maps a seed to a training environment with its transforms; picklable for workers."""
 
 
 class Phases:
-    """Seconds spent in each named part of the training loop."""
+    """Timer of the phases of the training loop, in seconds by name."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
@@ -36,58 +36,58 @@ class Phases:
 
 
 class Collector(Protocol):
-    """What the trainer needs of a source of experience.
+    """Interface of a source of experience for the trainer.
 
     Attributes:
-        resumes_episodes: Whether a restored collector goes on in the middle of its episodes.
-            If not, it starts new ones, and steps held back for n-step returns are void.
+        resumes_episodes: Whether a restored collector continues its episodes. If not, it starts new
+            episodes, and pending steps of n-step returns are discarded.
     """
 
     resumes_episodes: bool
 
     def start(self, frames: int, max_dynamic: int) -> None:
-        """Get ready to collect.
+        """Prepare the collection.
 
         Args:
-            frames: Environment steps of the run so far; they drive the exploration's schedule.
-            max_dynamic: Dynamic pedestrians that new episodes have at most.
+            frames: Environment steps of the run so far, for the exploration schedule.
+            max_dynamic: Largest number of dynamic pedestrians in new episodes.
         """
 
     def set_max_dynamic(self, max_dynamic: int) -> None:
-        """Tell the curriculum's level; it holds for episodes that start from now on."""
+        """Set the largest number of dynamic pedestrians in episodes that start from now on."""
 
     def step(self, frames: int, phases: Phases) -> tuple[int, TensorDictBase]:
-        """Return what one step of ``[M]`` worlds gave.
+        """Return the transitions of one step of ``[M]`` worlds.
 
         Args:
             frames: Environment steps of the run so far.
-            phases: Where the time it takes is booked.
+            phases: Timer of the collection phases.
 
         Returns:
-            Number of the stream and its transitions: consecutive steps of one stream come from the
+            Index of the stream and its transitions. Consecutive steps of a stream come from the
             same worlds, row by row.
         """
 
     def state_dict(self) -> dict:
-        """Return what a checkpoint must hold."""
+        """Return the entries of a checkpoint."""
 
     def load_state_dict(self, state: Mapping) -> None:
-        """Restore what :meth:`state_dict` returned; other entries of ``state`` are ignored."""
+        """Restore the entries of :meth:`state_dict`; other entries of ``state`` are ignored."""
 
     def close(self) -> None:
-        """End all processes; may be called twice."""
+        """End all processes; repeated calls have no effect."""
 
 
 class DirectCollector:
-    """Step the worlds in the trainer's own process; a resumed run goes on bit for bit.
+    """Collector in the process of the trainer; a resumed run continues bit for bit.
 
-    The fastest choice on one machine with few cores: no process beats one tensor operation over
-    all worlds, and the actor is always the newest.
+    It is the fastest collector on one machine with few cores, because tensor operations over all
+    worlds are faster than several processes, and it always uses the current actor.
 
     Args:
         make_env: Builds the environment.
-        behaviour: What acts.
-        seed: Of the environment.
+        behaviour: Behavior policy.
+        seed: Seed of the environment.
     """
 
     resumes_episodes = True
@@ -97,17 +97,17 @@ class DirectCollector:
         self._carrier: TensorDictBase | None = None
 
     def start(self, frames: int, max_dynamic: int) -> None:
-        """Reset the worlds unless a checkpoint has set them."""
+        """Reset the worlds unless they were restored from a checkpoint."""
         self.set_max_dynamic(max_dynamic)
         if self._carrier is None:
             self._carrier = self.env.reset()
 
     def set_max_dynamic(self, max_dynamic: int) -> None:
-        """Let new episodes have at most this many dynamic pedestrians."""
+        """Set the largest number of dynamic pedestrians in new episodes."""
         self.env.base_env.max_dynamic = max_dynamic
 
     def step(self, frames: int, phases: Phases) -> tuple[int, TensorDictBase]:
-        """Act in every world once."""
+        """Step every world once."""
         with torch.no_grad():
             with phases("act"):
                 self.behaviour.act(self._carrier, frames)
@@ -117,14 +117,14 @@ class DirectCollector:
         return 0, stepped
 
     def state_dict(self) -> dict:
-        """Return every world and what was observed last."""
+        """Return the state of every world and the last observation."""
         return {
             "environment": self.env.base_env.episode_state(),
             "carrier": self._carrier.to_dict(),
         }
 
     def load_state_dict(self, state: Mapping) -> None:
-        """Put every world back where it was."""
+        """Restore every world and the last observation."""
         self.env.reset()
         self.env.base_env.load_episode_state(state["environment"])
         carrier = TensorDict(state["carrier"], self.env.batch_size)

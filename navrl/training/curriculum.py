@@ -1,4 +1,4 @@
-"""Curriculum: more pedestrians once the robot copes with the present number."""
+"""Curriculum on the number of dynamic pedestrians."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Sequence
 
 
 class Curriculum:
-    """Raise the maximum number of dynamic pedestrians level by level.
+    """Curriculum that raises the maximum number of dynamic pedestrians level by level.
 
     Args:
         levels: Maximum number of dynamic pedestrians of each level.
-        threshold: Evaluation success rate above which the next level starts; never falls back.
+        threshold: Evaluation success rate above which the next level starts; levels never decrease.
         start: Index of the first level.
 
     Raises:
-        ValueError: If levels are empty, not increasing or not positive, or the threshold is not a
-            rate.
+        ValueError: If levels are empty, not increasing or not positive, or the threshold is outside
+            [0, 1].
 
     Reference:
         Paper Sec. IV-F1: N_dyn^max in {2, 4, 8}, raised when the success rate exceeds 70 %.
@@ -34,11 +34,11 @@ class Curriculum:
 
     @property
     def max_dynamic(self) -> int:
-        """Maximum number of dynamic pedestrians at the present level."""
+        """Maximum number of dynamic pedestrians at the current level."""
         return self.levels[self.level]
 
     def report(self, success_rate: float) -> bool:
-        """Take an evaluation's success rate; return whether the level rose."""
+        """Process the success rate of an evaluation; return whether the level was raised."""
         rises = success_rate > self.threshold and self.level + 1 < len(self.levels)
         self.level += int(rises)
         return rises

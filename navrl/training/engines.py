@@ -1,4 +1,4 @@
-"""The engines that run workers: processes, Ray, torch.distributed; all of them TorchRL's."""
+"""Worker collectors on TorchRL's engines: processes, Ray and torch.distributed."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from navrl.training.replay import Compact
 from navrl.training.worker import WorkerBatch, WorkerCollector, WorkerEnv
 from navrl.training.workers import WorkersCollector
 
-_ENDLESS = sys.maxsize  # frames; TorchRL's collectors stop by themselves at some count
+_ENDLESS = sys.maxsize  # frames; TorchRL's collectors stop at a total count
 
 
 class ProcessCollector(WorkersCollector):
-    """Workers are processes of this machine; weights and batches are in shared memory.
+    """Collector with worker processes on this machine; weights and batches in shared memory.
 
-    Unless ``sync``, a worker may see new weights from one of its steps to the next, or for one step
-    some of the old and some of the new; exploration noise is larger by far.
+    Unless ``sync``, the weights of a worker may change between two steps, or during a step, in
+    which case it uses a mix of old and new weights; the effect is far smaller than exploration
+    noise.
     """
 
     def _launch(self, envs: list[WorkerEnv]) -> BaseCollector:
@@ -41,17 +42,17 @@ class ProcessCollector(WorkersCollector):
         )
 
     def _push(self, frames: int, workers: list[int] | None) -> None:
-        # Workers read this very memory. TorchRL's own push would wait for each to say so, up to a
-        # tenth of a second, and for ever for one that has died.
+        # Workers read the same memory. TorchRL's push would wait up to 0.1 s for an acknowledgment
+        # of each worker, and indefinitely for a dead worker.
         self.policy.refresh(frames, self.max_dynamic)
 
 
 class RayCollector(WorkersCollector):
-    """Workers are Ray actors, on this machine or anywhere in a Ray cluster.
+    """Collector with Ray actors as workers, on this machine or in a Ray cluster.
 
     Args:
-        address: Of a running cluster, ``"auto"`` for the one this machine belongs to; ``None``
-            starts Ray on this machine alone.
+        address: Address of a running cluster, ``"auto"`` for that of this machine; ``None`` starts
+            Ray on this machine only.
         kwargs: See :class:`WorkersCollector`.
 
     Raises:
@@ -86,18 +87,17 @@ class RayCollector(WorkersCollector):
             "num_cpus": self.num_workers * self.threads_per_worker,
             "include_dashboard": False,
             "log_to_driver": False,
-            "runtime_env": {"env_vars": {"PYTHONPATH": path}},  # a user's own modules
+            "runtime_env": {"env_vars": {"PYTHONPATH": path}},  # so that workers find user modules
         }
 
 
 class DistributedCollector(WorkersCollector):
-    """Workers talk to the learner by torch.distributed, over TCP.
+    """Collector with workers that communicate by torch.distributed over TCP.
 
     Args:
-        launcher: ``"mp"`` for processes of this machine, ``"submitit"`` for SLURM jobs.
-        backend: Of torch.distributed; ``"gloo"`` for CPUs.
-        port: TCP port of the learner, of which the two after it are used as well; ``None`` for a
-            free one.
+        launcher: ``"mp"`` for processes on this machine, ``"submitit"`` for SLURM jobs.
+        backend: Backend of torch.distributed; ``"gloo"`` for CPUs.
+        port: TCP port of the learner; the next two ports are used too; ``None`` for a free one.
         slurm: Options of submitit's executor, e.g. ``{"slurm_partition": "cpu"}``.
         kwargs: See :class:`WorkersCollector`.
 
@@ -145,7 +145,7 @@ def _collector_kwargs(compact: Compact, num_workers: int) -> list[dict]:
 
 def _require(module: str, choice: str, extra: str) -> None:
     found = importlib.util.find_spec(module)
-    if found is None or found.origin is None:  # or a mere folder of that name, as Ray's /tmp/ray
+    if found is None or found.origin is None:  # a folder of that name, e.g. /tmp/ray, has no origin
         raise ValueError(f"{choice}: needs {module}, which is not installed; {install_hint(extra)}")
 
 

@@ -1,4 +1,4 @@
-"""Signals that ask a training to end: noted, so that the trainer can save first."""
+"""Handling of stop signals, so that the trainer saves a checkpoint before it ends."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from pathlib import Path
 from types import FrameType
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-_LAG_S = 1.0  # s between the end of a worker and this process's own copy of the same signal
+_LAG_S = 1.0  # s; largest delay of a signal to this process after a worker has ended by it
 
 
 class TrainingStoppedError(Exception):
-    """A signal ended the training, which was saved before.
+    """Error for a training that was saved and ended by a signal.
 
     Args:
-        signal_number: The signal.
-        done: How much was trained.
+        signal_number: Received signal.
+        done: Description of the progress, for the message.
         run: Run folder.
     """
 
@@ -32,15 +32,15 @@ class TrainingStoppedError(Exception):
 
 
 class StopRequested(BaseException):
-    """A signal asks to end; not an ``Exception``, so that no handler of errors takes it."""
+    """Request to end by a signal; not an ``Exception``, so that error handlers do not catch it."""
 
 
 class StopSignals:
     """Context in which SIGTERM, SIGINT and SIGHUP set a flag instead of ending the process.
 
-    A second SIGINT raises ``KeyboardInterrupt``, for a user who cannot wait for the checkpoint.
-    A signal that is ignored when the context begins, as ``nohup`` does with SIGHUP, stays ignored.
-    Outside of the main thread, where Python allows no handlers, nothing is changed.
+    A second SIGINT raises ``KeyboardInterrupt``, for a user who does not wait for the checkpoint.
+    A signal that is ignored on entry, such as SIGHUP under ``nohup``, remains ignored. Outside of
+    the main thread, where Python does not allow handlers, the context has no effect.
     """
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class StopSignals:
                 signal.signal(number, handler)
 
     def install(self) -> None:
-        """Set the handlers, again where a library has set its own, as Ray does."""
+        """Set the handlers; repeat this after a library (e.g. Ray) has set its own."""
         if threading.current_thread() is threading.main_thread():
             for number, handler in self._before.items():
                 if handler is not signal.SIG_IGN:
@@ -67,7 +67,7 @@ class StopSignals:
 
     @contextmanager
     def immediate(self, enabled: bool = True) -> Iterator[None]:
-        """Let a signal raise :class:`StopRequested` within the block, if ``enabled``."""
+        """Raise :class:`StopRequested` on a signal within the block, if ``enabled``."""
         self._is_immediate = enabled
         try:
             if enabled:
@@ -77,14 +77,14 @@ class StopSignals:
             self._is_immediate = False
 
     def check(self) -> None:
-        """Raise :class:`StopRequested` if a signal came."""
+        """Raise :class:`StopRequested` if a signal was received."""
         if self.received is not None:
             raise StopRequested
 
     def arrives(self) -> bool:
-        """Return whether a signal came or comes within a second.
+        """Return whether a signal was received or is received within a second.
 
-        A signal to the whole process group may reach a worker before it reaches this process.
+        A signal to the process group may reach a worker before it reaches this process.
         """
         deadline = time.monotonic() + _LAG_S
         while self.received is None and time.monotonic() < deadline:
@@ -102,10 +102,10 @@ class StopSignals:
 
 @contextmanager
 def shielded_children() -> Iterator[None]:
-    """Block SIGINT and SIGHUP for processes started in the block, which inherit that.
+    """Block SIGINT and SIGHUP for processes started in the block, which inherit the mask.
 
-    A terminal sends both to all processes of a command; the trainer alone must answer. It gets a
-    signal that comes in the meantime when the block ends.
+    A terminal sends both signals to all processes of a command, but only the trainer must handle
+    them. A signal that arrives during the block is delivered to the trainer at its end.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
     try:

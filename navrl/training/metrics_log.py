@@ -1,4 +1,4 @@
-"""Where training numbers go: one CSV file and TensorBoard."""
+"""Training log: a CSV file and TensorBoard."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ LOG_FILE = "metrics.csv"
 
 
 class MetricsLog:
-    """Append rows of named scalars to ``metrics.csv`` and mirror them to TensorBoard.
+    """Log of named scalars in ``metrics.csv``, mirrored to TensorBoard.
 
-    Rows may have different columns (an evaluation happens less often than a training report):
-    what a row lacks stays empty, and a new column is added to the whole file.
+    Rows may have different columns (evaluations are less frequent than training reports): missing
+    cells are empty, and a new column is added to the whole file.
 
     Args:
         folder: Run folder.
-        tensorboard: Whether TensorBoard events are written too.
-        resume_frames: Rows beyond this frame count are dropped: they come from after the
-            checkpoint that the run resumes from, and will be written again. ``None`` drops all.
-        resume_rows: Number of rows when that checkpoint was saved; later ones are dropped too.
+        tensorboard: Whether to write TensorBoard events.
+        resume_frames: Frame count of the checkpoint that the run resumes from. Later rows are
+            dropped, because they are written again. ``None`` drops all rows.
+        resume_rows: Number of rows when that checkpoint was saved; later rows are dropped too.
             ``None`` if it is unknown.
     """
 
@@ -50,10 +50,10 @@ class MetricsLog:
         )
 
     def log(self, frames: int, updates: int, metrics: Mapping[str, float]) -> None:
-        """Write one row and flush it, so that a kill loses nothing that was logged.
+        """Write and flush one row, so that it persists if the process is killed.
 
         Raises:
-            OSError: If writing fails, naming the file.
+            OSError: If writing fails; the message names the file.
         """
         row = {"frames": frames, "updates": updates, **metrics}
         fresh = [name for name in row if name not in self._columns]
@@ -72,7 +72,7 @@ class MetricsLog:
                 self._writer.add_scalar(name, value, frames)
 
     def synchronize(self) -> None:
-        """Put all rows on disk, so that a checkpoint never counts more rows than there are."""
+        """Write all rows to disk, so that the file has at least the rows of a checkpoint."""
         if self._file.is_file():
             with self._file.open("rb") as file:
                 os.fsync(file.fileno())
@@ -83,7 +83,7 @@ class MetricsLog:
             self._writer.close()
 
     def _rows(self) -> list[dict[str, str]]:
-        """Return the complete rows; one that a kill cut off has no line end."""
+        """Return the complete rows; a row truncated by a kill has no line end."""
         if not self._file.is_file():
             return []
         text = self._file.read_bytes().decode("utf-8", errors="replace")

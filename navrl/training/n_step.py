@@ -1,23 +1,23 @@
-"""Rewards of several steps in one transition."""
+"""N-step returns."""
 
 from __future__ import annotations
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 
-STEPS = "steps_to_next_obs"  # TorchRL's name: its value estimators discount by gamma to this power
+STEPS = "steps_to_next_obs"  # TorchRL's key; its value estimators discount by gamma to this power
 
 
 class NStepReturn:
-    """Turn single steps into transitions over up to ``num_steps``, as they come.
+    """Combine single steps to transitions over up to ``num_steps``, incrementally.
 
-    A step is held back until ``num_steps - 1`` later ones are known; then its reward becomes the
-    discounted sum up to the horizon or the end of its episode, whichever is first, and ``next``
-    what followed the last of them. News of a collision or a goal travel ``num_steps`` times as fast
-    through bootstrapped values. The rewards are those of the behaviour, uncorrected.
+    A step is delayed until ``num_steps - 1`` later steps are known. Its reward is then the
+    discounted sum up to the horizon or the end of its episode, whichever is first, and ``next`` the
+    state after the last of them. Rewards propagate ``num_steps`` times as fast through bootstrapped
+    values. The returns are those of the behavior policy, without off-policy correction.
 
     Args:
-        num_steps: Horizon; 1 gives every step as it is, at once.
+        num_steps: Horizon; 1 returns every step unchanged and without delay.
         gamma: Discount factor per step.
 
     Raises:
@@ -36,15 +36,15 @@ class NStepReturn:
         self._window: list[TensorDictBase] = []
 
     def __call__(self, step: TensorDictBase) -> TensorDictBase | None:
-        """Take one step of ``[M]`` worlds; return the transitions that are now complete.
+        """Add one step of ``[M]`` worlds; return the transitions that it completes.
 
         Args:
-            step: With ``next`` holding ``reward``, ``done`` and ``terminated`` ``[M, 1]``; row i is
-                the same world in every call.
+            step: Transitions with ``reward``, ``done`` and ``terminated`` ``[M, 1]`` under
+                ``next``; row i is the same world in every call.
 
         Returns:
             ``[M]`` transitions that started ``num_steps - 1`` calls ago, with
-            ``steps_to_next_obs [M, 1]``; ``None`` while the first are not complete.
+            ``steps_to_next_obs [M, 1]``; ``None`` while the first ones are incomplete.
 
         Raises:
             ValueError: If the number of worlds changed.
@@ -53,8 +53,8 @@ class NStepReturn:
             return step
         if self._window and len(self._window[0]) != len(step):
             raise ValueError(
-                f"n-step returns need the same {len(self._window[0])} worlds in every step, "
-                f"got {len(step)}"
+                f"step: must have the same {len(self._window[0])} worlds in every call for n-step "
+                f"returns, got {len(step)}"
             )
         self._window.append(step.clone())
         if len(self._window) < self.num_steps:
@@ -76,10 +76,10 @@ class NStepReturn:
         return first.clone(False).update({"next": following, STEPS: steps})
 
     def state_dict(self) -> list[dict]:
-        """Return the steps that are held back."""
+        """Return the pending steps."""
         return [step.to_dict() for step in self._window]
 
     def load_state_dict(self, state: list[dict], device: torch.device | str = "cpu") -> None:
-        """Restore what :meth:`state_dict` returned, on ``device``."""
+        """Restore the pending steps of :meth:`state_dict` on ``device``."""
         steps = [TensorDict(step, [len(step["next"]["done"])]) for step in state]
         self._window = [step.to(device) for step in steps]

@@ -1,4 +1,4 @@
-"""How a run came about: its commands, the code and the machine, as a line each."""
+"""Provenance of a run: its commands, code versions and machines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FILE = "commands.txt"
 
 
 def record_command(folder: Path) -> None:
-    """Append this process's command, code version and machine to the run's history."""
+    """Append command, code version and machine of this process to the history of a run."""
     command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     with (folder / _FILE).open("a", encoding="utf-8") as history:
@@ -27,19 +27,19 @@ def record_command(folder: Path) -> None:
 
 
 def recorded_commands(folder: Path) -> str:
-    """Return what :func:`record_command` wrote, oldest first; empty if nothing was recorded."""
+    """Return the history of :func:`record_command`, oldest first; empty if there is none."""
     file = folder / _FILE
     return read_text(file, "delete it") if file.is_file() else ""
 
 
 def recorded_origins(folder: Path) -> list[str]:
-    """Return time, code version and machine of each command recorded, oldest first."""
+    """Return time, code version and machine of each recorded command, oldest first."""
     lines = recorded_commands(folder).splitlines()
     return [line.rpartition("  # ")[2] for line in lines if "  # " in line]
 
 
 def _version() -> str:
-    """Return the version, with the commit if this is a checkout."""
+    """Return the version, with the commit in a git checkout."""
     root = Path(navrl.__file__).parents[1]
     if not (root / ".git").exists():
         return navrl.__version__

@@ -1,4 +1,4 @@
-"""Replay buffer of network inputs, and the journal that makes it survive a kill."""
+"""Replay buffer of network inputs with an on-disk journal for resuming."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _OUTCOME = ("reward", "done", "terminated")
 
 
 class Compact:
-    """Keep of transitions what learning needs, so that they are small to store and to send.
+    """Reduce transitions to the entries that learning needs, for storage and transfer.
 
     Args:
-        observation_keys: Keys the networks read.
+        observation_keys: Keys that the networks read.
         storage: ``"float16"`` or ``"float32"`` for the observation.
 
     Raises:
@@ -41,7 +41,7 @@ class Compact:
         self.observation_keys, self._dtype = list(observation_keys), _DTYPES[storage]
 
     def __call__(self, transitions: TensorDictBase) -> TensorDict:
-        """Return new transitions of the same shape with observations, action and outcome only."""
+        """Return new transitions of the same shape with observations, action and end flags only."""
         following, shape = transitions.get("next"), transitions.batch_size
         after = {**self._observation(following), **{k: following.get(k) for k in _OUTCOME}}
         return TensorDict(
@@ -58,23 +58,22 @@ class Compact:
 
 
 class Replay:
-    """TorchRL's replay buffer, fed with what the networks read and nothing else.
+    """TorchRL replay buffer of network inputs.
 
-    A transition holds the observation keys at t and t+1, the normalised action, the reward and the
-    two end flags. With the paper's inputs (490 numbers a state) it weighs 1,974 bytes in float16
-    and 3,934 in float32, so 2,000,000 transitions take 3.9 or 7.9 GB. Memory is touched as the
-    buffer fills.
+    A transition contains the observation keys at t and t+1, the normalized action, the reward and
+    the two end flags. With the paper's inputs (490 numbers per state) it takes 1,974 bytes in
+    float16 and 3,934 in float32, so 2,000,000 transitions take 3.9 or 7.9 GB. Memory is allocated
+    as the buffer fills.
 
     Args:
-        observation_keys: Keys the networks read.
-        capacity: Transitions kept; the oldest are overwritten.
-        batch_size: Transitions a sample.
+        observation_keys: Keys that the networks read.
+        capacity: Largest number of stored transitions; the oldest are overwritten.
+        batch_size: Transitions per batch.
         storage: ``"float16"`` or ``"float32"`` for the observation. Inputs are scaled to [-1, 1],
-            where float16 errs by at most 0.9 mm at 3.5 m, a thirtieth of the sensor's noise.
-        num_steps: Steps a transition spans; see :class:`navrl.training.n_step.NStepReturn`.
+            where the error of float16 is at most 0.9 mm at 3.5 m, a thirtieth of the sensor noise.
+        num_steps: Steps per transition; see :class:`navrl.training.n_step.NStepReturn`.
         gamma: Discount factor per step, used if ``num_steps`` > 1.
-        device: Where transitions are kept and batches are drawn; those that come from elsewhere are
-            copied there.
+        device: Device of stored transitions and batches; transitions are copied to it.
 
     Raises:
         ValueError: If a size is not positive or ``storage`` is unknown.
@@ -104,23 +103,24 @@ class Replay:
         self._buffer = ReplayBuffer(storage=storage)
         self.written = 0
         self._journaled = 0
-        self._chunks: list[tuple[int, int, str]] = []  # first row, row after the last, SHA-256
+        self._chunks: list[tuple[int, int, str]] = []  # first row, end row (exclusive), SHA-256
 
     def __len__(self) -> int:
         return len(self._buffer)
 
     def extend(self, transitions: TensorDictBase, stream: int = 0) -> None:
-        """Add one step of ``[M]`` worlds as the environment returned it; other keys are dropped.
+        """Add one step of ``[M]`` worlds of an environment; unused keys are dropped.
 
         Args:
-            transitions: Row i is the same world in all steps of a stream.
-            stream: Which worlds these are; matters to n-step returns only.
+            transitions: Transitions; row i is the same world in all steps of a stream.
+            stream: Index of the group of worlds, for n-step returns.
         """
         if stream not in self._streams:
             self._streams[stream] = self._n_step()
         compact = self._compact(transitions)
         if self.device.type != "cpu":
-            # Without a device of its own, so that TorchRL's indices stay on the CPU: it reads them.
+            # The device is cleared so that TorchRL creates its indices on the CPU, where it reads
+            # them.
             compact = compact.to(self.device, non_blocking=True).clear_device_()
         complete = self._streams[stream](compact)
         if complete is not None:
@@ -134,25 +134,26 @@ class Replay:
         return rows.apply(lambda value: _float(value).unflatten(0, shape), batch_size=shape)
 
     def forget_held_back(self) -> None:
-        """Drop steps that wait for later ones of their episode, since none will come."""
+        """Discard pending steps of n-step returns whose episodes are not continued."""
         self._streams = {}
 
     # --- journal ---------------------------------------------------------------------------------
 
     def save(self, folder: Path) -> dict[str, object]:
-        """Append what came since the last call to the journal.
+        """Append the transitions since the last call to the journal.
 
-        A checkpoint thus costs what is new, not the whole buffer. Chunks that hold only overwritten
-        rows are left for :meth:`prune`, since the previous checkpoint may still need them.
+        The cost of a checkpoint is therefore that of the new transitions. Chunks with only
+        overwritten rows are deleted later by :meth:`prune`, because the previous checkpoint may
+        still need them.
 
         Args:
-            folder: Journal folder; one file a call.
+            folder: Journal folder; each call writes one file.
 
         Returns:
-            What :meth:`load` needs beside the folder: the SHA-256 of each chunk among it.
+            State for :meth:`load` in addition to the folder, with the SHA-256 of each chunk.
 
         Raises:
-            OSError: If writing fails; what was saved before stays.
+            OSError: If writing fails; files of previous calls are retained.
         """
         start = max(self._journaled, self.written - self.capacity)
         if self.written > start:
@@ -171,14 +172,14 @@ class Replay:
         }
 
     def prune(self, folder: Path) -> None:
-        """Delete journal files that the last :meth:`save` no longer lists."""
+        """Delete journal files that are not part of the last :meth:`save`."""
         kept = {self._file(folder, start) for start, *_ in self._chunks}
-        for file in folder.glob("*chunk_*"):  # with what a kill left half-written
+        for file in folder.glob("*chunk_*"):  # includes partial files of a killed process
             if file not in kept:
                 file.unlink()
 
     def load(self, folder: Path, state: dict[str, object]) -> None:
-        """Rebuild the buffer row for row, each at its old place.
+        """Restore the buffer with all rows at their original positions.
 
         Raises:
             CheckpointError: If a chunk is missing or damaged.
@@ -187,7 +188,7 @@ class Replay:
         for stream, steps in state.get("streams", {}).items():
             self._streams[stream] = self._n_step()
             self._streams[stream].load_state_dict(steps, self.device)
-        # Journals from before there were checksums list chunks without one.
+        # Older journals list chunks without checksums.
         self._chunks = [(start, end, *(digest or [""])) for start, end, *digest in state["chunks"]]
         storage = self._buffer.storage
         for start, end, digest in self._chunks:
@@ -207,11 +208,11 @@ def _float(value: torch.Tensor) -> torch.Tensor:
 
 
 def _save_chunk(tensors: Mapping[str, torch.Tensor], file: Path) -> str:
-    """Write a chunk atomically, on disk when this returns; return its SHA-256."""
+    """Write a chunk atomically and synchronize it to disk; return its SHA-256."""
     with replacing_path(file) as fresh:
         try:
             save_file(dict(tensors), fresh)
-        except SafetensorError as error:  # it hides the operating system's error
+        except SafetensorError as error:  # hides the error of the operating system
             raise OSError(f"{file}: {error}") from error
         with fresh.open("rb") as written:
             os.fsync(written.fileno())
@@ -219,7 +220,7 @@ def _save_chunk(tensors: Mapping[str, torch.Tensor], file: Path) -> str:
 
 
 def _load_chunk(file: Path, digest: str) -> dict[str, torch.Tensor]:
-    """Read a chunk whose content has this SHA-256; an empty one is not compared."""
+    """Read a chunk and verify its SHA-256; an empty digest is not verified."""
     if not file.is_file():
         raise CheckpointError(f"{file}: missing, a part of the replay journal; {ADVICE}")
     with file.open("rb") as stored:

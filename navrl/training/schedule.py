@@ -1,4 +1,4 @@
-"""How much a training does of what, and how far it is."""
+"""Training schedule and progress counters."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Schedule:
-    """How much of what, and how often.
+    """Length and intervals of a training.
 
     Args:
-        total_frames: Environment steps (all worlds together) after which training ends.
+        total_frames: Environment steps (sum over all worlds) after which training ends.
         frames_per_update: Environment steps per gradient update.
         learning_starts: Environment steps before the first update.
         evaluate_every_updates: Updates between evaluations.
@@ -37,15 +37,15 @@ class Schedule:
 
 @dataclass
 class Progress:
-    """Counters of a run; all that is not a weight, a buffer or a world.
+    """Progress counters of a run.
 
     Args:
         frames: Environment steps of all worlds.
         updates: Gradient updates.
-        episodes: Episodes that ended.
+        episodes: Completed episodes.
         best_level: Curriculum level of the best evaluation; -1 before the first.
-        best_success_rate: Its success rate.
-        seconds: s of training.
+        best_success_rate: Success rate of the best evaluation.
+        seconds: Duration of the training, s.
         evaluated_frames: ``frames`` at the last evaluation; -1 before the first.
         evaluated_updates: ``updates`` at the last evaluation.
     """
@@ -60,12 +60,12 @@ class Progress:
     evaluated_updates: int = 0
 
     def restore_best(self, saved: Mapping[str, float] | None, level: int) -> None:
-        """Let later policies be compared with the saved one, which may be newer than a checkpoint.
+        """Restore the best evaluation from the saved policy, which may be newer than a checkpoint.
 
         Args:
-            saved: Its metrics; ``None`` if there is no saved policy.
-            level: Curriculum level of the checkpoint, used for bundles from before their metrics
-                held a level: a later policy has at least this one.
+            saved: Metrics of the saved policy; ``None`` if there is none.
+            level: Curriculum level of the checkpoint, for older bundles whose metrics have no
+                level; a later policy has at least this level.
         """
         if saved is None:
             self.best_level, self.best_success_rate = -1, -1.0

@@ -1,4 +1,4 @@
-"""The training loop: collect, learn, evaluate, checkpoint."""
+"""Training loop: collect, learn, evaluate, checkpoint."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ Evaluate = Callable[[int], Mapping[str, float]]
 OnBest = Callable[[Mapping[str, float]], None]
 SavedBest = Callable[[], Mapping[str, float] | None]
 
-MAX_BATCHES_DRAWN = 64  # at a time: some 60 MB of the paper's transitions
+MAX_BATCHES_DRAWN = 64  # sampled at a time; about 60 MB of the paper's transitions
 
 
 class Trainer:
-    """Train a policy until the schedule ends; killed at any moment, it resumes.
+    """Training loop that can be killed at any time and resumed.
 
-    With :class:`navrl.training.DirectCollector` the resumed run is the same bit for bit. With
-    workers the learner, its replay and its counters are, while workers start new episodes.
+    With :class:`navrl.training.DirectCollector` a resumed run is identical bit for bit. With
+    workers the learner, replay and counters are restored, but workers start new episodes.
 
     Args:
-        collector: Where experience comes from.
-        sigma: Scale of the exploration noise after a number of frames, for the log.
-        algorithm: What learns.
-        replay: Where experience is kept.
-        curriculum: Number of pedestrians.
+        collector: Source of experience.
+        sigma: Maps a number of frames to the scale of the exploration noise, for the log.
+        algorithm: Learning algorithm.
+        replay: Replay buffer.
+        curriculum: Curriculum on the number of pedestrians.
         evaluate: Maps a maximum number of dynamic pedestrians to metrics with ``success_rate``.
-        on_best: Called with the metrics of every evaluation that beats all before it, at the
+        on_best: Called with the metrics of every evaluation better than all previous ones, at the
             highest level reached so far.
-        schedule: Amounts and intervals.
+        schedule: Length and intervals of the training.
         folder: Run folder: ``metrics.csv``, ``tensorboard/``, ``checkpoint/``.
-        progress_bar: Whether to show one.
-        saved_best: Returns the metrics of the policy that ``on_best`` saved last, ``None`` if it is
-            not there. A resumed run reads it: that policy may be newer than the checkpoint.
+        progress_bar: Whether to show a progress bar.
+        saved_best: Returns the metrics of the last policy saved by ``on_best``, ``None`` without
+            one. A resumed run reads it, because that policy may be newer than the checkpoint.
 
     Reference:
-        Paper Sec. V-A: regular evaluation; the best checkpoint of the highest level is kept.
+        Paper Sec. V-A: regular evaluation; the best checkpoint of the highest level is saved.
     """
 
     def __init__(
@@ -79,22 +79,22 @@ class Trainer:
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
         self._window = Window()
-        self._ended: torch.Tensor | int = 0  # episodes that the counter does not hold yet
+        self._ended: torch.Tensor | int = 0  # ended episodes not yet added to the counter
         self._log: MetricsLog | None = None
         self._signals = StopSignals()
 
     def run(self) -> Progress:
-        """Train, resuming from the folder's checkpoint if there is one.
+        """Train; resume from the checkpoint of the folder if there is one.
 
         Returns:
-            The counters at the end.
+            The final counters.
 
         Raises:
-            NonFiniteUpdateError: If an update is not finite; the batch and the weights before it
+            NonFiniteUpdateError: If an update is not finite; its batch and the weights before it
                 are saved in ``<folder>/not_finite.pt``.
-            TrainingStoppedError: If SIGTERM, SIGINT or SIGHUP came; the run is saved.
+            TrainingStoppedError: If SIGTERM, SIGINT or SIGHUP was received; the run is saved.
             CheckpointError: If the checkpoint is damaged or a part of it is missing.
-            OSError: If a file cannot be written, e.g. on a full disk; the last checkpoint stays.
+            OSError: If a file cannot be written, e.g. on a full disk; the checkpoint is retained.
         """
         resumed = self.checkpoints.exists
         rows = self._restore() if resumed else self.checkpoints.check_new(self.folder / LOG_FILE)
@@ -114,7 +114,7 @@ class Trainer:
         return self.progress
 
     def _start(self) -> None:
-        """Start the collector, and save a new run: from here on it has a checkpoint."""
+        """Start the collector and save the first checkpoint of a new run."""
         self.collector.start(self.progress.frames, self.curriculum.max_dynamic)
         self._signals.install()
         if not self.checkpoints.exists:
@@ -125,7 +125,7 @@ class Trainer:
         last_checkpoint = started = time.monotonic()
         seconds_before = progress.seconds
         try:
-            self._evaluate_if_due()  # a signal may have interrupted it
+            self._evaluate_if_due()  # a signal may have interrupted the last evaluation
             while progress.frames < schedule.total_frames:
                 self._signals.check()
                 bar.update(self._collect())
@@ -148,7 +148,7 @@ class Trainer:
             raise TrainingStoppedError(self._signals.received, done, self.folder) from None
 
     def _updates_due(self) -> float:
-        if not len(self.replay):  # n-step returns hold the first steps back
+        if not len(self.replay):  # n-step returns delay the first steps
             return 0.0
         frames = self.progress.frames - self.schedule.learning_starts
         return frames / self.schedule.frames_per_update
@@ -156,7 +156,7 @@ class Trainer:
     # --- one iteration ---------------------------------------------------------------------------
 
     def _collect(self) -> int:
-        """Store what one step of some worlds gave; return the number of transitions."""
+        """Collect and store one step of some worlds; return the number of transitions."""
         window = self._window
         stream, stepped = self._step()
         with window.phases("replay_write"):
@@ -166,22 +166,22 @@ class Trainer:
         return stepped.numel()
 
     def _step(self) -> tuple[int, TensorDictBase]:
-        """Return the collector's next step; workers, unlike own worlds, may be left halfway."""
+        """Return the next step of the collector; a signal may interrupt workers immediately."""
         try:
             with self._signals.immediate(enabled=not self.collector.resumes_episodes):
                 return self.collector.step(self.progress.frames, self._window.phases)
         except RuntimeError:
             if self.collector.resumes_episodes or not self._signals.arrives():
                 raise
-            raise StopRequested from None  # the signal ended the workers, too
+            raise StopRequested from None  # the signal also ended the workers
 
     def _count_episodes(self) -> None:
-        """Bring the counter of episodes up to date."""
+        """Update the counter of episodes."""
         self.progress.episodes += int(self._ended)
         self._ended = 0
 
     def _update(self, count: int) -> None:
-        """Update as often; the batches are drawn together, since no transition comes between."""
+        """Take ``count`` gradient steps on batches sampled together."""
         window = self._window
         self.algorithm.anneal(self.progress.frames / self.schedule.total_frames)
         for size in _shares(count):
@@ -194,7 +194,7 @@ class Trainer:
 
     @contextmanager
     def _keeps_failures(self) -> Iterator[None]:
-        """Save the batch and the weights before it if an update is not finite."""
+        """Save the batch and the weights before a non-finite update."""
         try:
             yield
         except NonFiniteUpdateError as error:
@@ -230,7 +230,7 @@ class Trainer:
             self._evaluate()
 
     def _evaluate(self) -> None:
-        """Evaluate at the present level; save the policy if best; perhaps raise the level."""
+        """Evaluate at the current level, save the policy if it is best, update the curriculum."""
         progress, level = self.progress, self.curriculum.level
         start = time.monotonic()
         with self._signals.immediate():
@@ -269,7 +269,7 @@ class Trainer:
         self.replay.prune(self.checkpoints.journal)
 
     def _restore(self) -> int | None:
-        """Load the last checkpoint; return its number of rows in the log, if it is known."""
+        """Load the last checkpoint; return its number of log rows, if known."""
         state = self.checkpoints.load()
         self.progress = Progress(**state["progress"])
         self.curriculum.level = state["curriculum_level"]
@@ -280,7 +280,7 @@ class Trainer:
             self.replay.forget_held_back()
         if "window" in state:
             self._window = Window.from_state(state["window"])
-        else:  # a checkpoint from before these keys, always saved after a due evaluation
+        else:  # an older checkpoint without these keys, always saved after a due evaluation
             self.progress.evaluated_updates = self.progress.updates
         if self.saved_best is not None:
             self.progress.restore_best(self.saved_best(), self.curriculum.level)
@@ -290,13 +290,13 @@ class Trainer:
         return state.get("log_rows")
 
     def _device_rng(self) -> dict[str, torch.Tensor]:
-        """Return the state of the learner's device's random numbers, if it has its own."""
+        """Return the state of the random number generator of a GPU learner; empty on the CPU."""
         device = self.replay.device
         return {} if device.type == "cpu" else {"device_rng": torch.cuda.get_rng_state(device)}
 
 
 def _shares(count: int) -> Iterator[int]:
-    """Split a number of updates into numbers of batches that are drawn at a time."""
+    """Split a number of updates into numbers of batches sampled at a time."""
     for start in range(0, count, MAX_BATCHES_DRAWN):
         yield min(MAX_BATCHES_DRAWN, count - start)
 

@@ -1,4 +1,4 @@
-"""Sums over the part of a training since the last row of its log."""
+"""Statistics of a training since the last row of its log."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from navrl.training.collectors import Phases
 
 @dataclass
 class Window:
-    """Sums since the last row of the log; tensors on their device, without synchronization."""
+    """Sums since the last row of the log, as tensors on their device without synchronization."""
 
     terms: dict[str, torch.Tensor | float] = field(default_factory=lambda: defaultdict(float))
     outcomes: torch.Tensor | int = 0  # episodes ended, by outcome
@@ -26,7 +26,7 @@ class Window:
     updates: int = 0
 
     def add_step(self, following: TensorDictBase) -> torch.Tensor:
-        """Add what one step of ``[M]`` worlds led to; return the number of ended episodes."""
+        """Add the results of one step of ``[M]`` worlds; return the number of ended episodes."""
         for name, term in following[keys.REWARD_TERMS].items():
             self.terms[name] = self.terms[name] + term.sum().double()
         ended = _count_outcomes(following)
@@ -59,7 +59,7 @@ class Window:
         }
 
     def state_dict(self) -> dict:
-        """Return plain numbers; the conversion from tensors is exact."""
+        """Return the sums as Python numbers; the conversion from tensors is exact."""
         return {
             "terms": {name: float(value) for name, value in self.terms.items()},
             "outcomes": torch.as_tensor(self.outcomes).tolist(),
@@ -71,7 +71,7 @@ class Window:
 
     @classmethod
     def from_state(cls, state: Mapping) -> Window:
-        """Return the window of :meth:`state_dict`."""
+        """Create a window from a state of :meth:`state_dict`."""
         window = cls(frames=state["frames"], updates=state["updates"])
         window.terms.update(state["terms"])
         window.learning.update(state["learning"])
@@ -81,6 +81,6 @@ class Window:
 
 
 def _count_outcomes(following: TensorDictBase) -> torch.Tensor:
-    """Return ``[outcomes]`` int64, how many of the episodes ended in which way at this step."""
+    """Return the number of episodes that ended at this step by outcome, ``[outcomes]`` int64."""
     outcome, done = following[keys.OUTCOME].flatten(), following["done"].flatten()
     return outcome.new_zeros(len(Outcome)).index_add_(0, outcome, done.to(outcome.dtype))

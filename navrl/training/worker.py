@@ -1,4 +1,4 @@
-"""What a worker process is made of: its worlds, its copy of the policy, the batches it sends."""
+"""Parts of a worker process: environment, behavior policy and batches."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ _BEGINS = "is_init"  # [N, 1] bool: the first step of an episode
 
 
 class WorkerPolicy(TensorDictModuleBase):
-    """A behaviour that travels as one set of weights.
+    """Picklable behavior policy.
 
-    The count of frames, which drives the exploration's schedule, and the curriculum's level are
-    buffers beside the actor's weights. So any way of copying weights to workers copies them too.
+    The frame count, which determines the exploration schedule, and the curriculum level are buffers
+    of the module, so they are transferred to workers together with the weights of the actor.
 
     Args:
-        behaviour: What acts; copied, so that the learner's actor stays its own. The copy is on the
-            CPU, where workers act, whatever device the learner is on.
+        behaviour: Behavior policy; copied, so that it is independent of the learner's actor. The
+            copy is on the CPU, where workers act, independent of the device of the learner.
     """
 
     def __init__(self, behaviour: Behaviour) -> None:
         super().__init__()
-        self._source = [behaviour.actor]  # in a list: no submodule, and not sent along
+        self._source = [behaviour.actor]  # in a list, so that it is not registered as a submodule
         self.behaviour = deepcopy(behaviour)
         self.actor = self.behaviour.actor.requires_grad_(False).cpu()
         self.in_keys, self.out_keys = list(self.actor.in_keys), [keys.ACTION, keys.MAX_DYNAMIC]
@@ -42,12 +42,12 @@ class WorkerPolicy(TensorDictModuleBase):
         self.register_buffer("max_dynamic", torch.zeros((), dtype=torch.int64))
 
     def __getstate__(self) -> dict:
-        """Leave the learner's actor at home."""
+        """Exclude the learner's actor from the pickle."""
         return {**self.__dict__, "_source": []}
 
     @torch.no_grad()
     def refresh(self, frames: int, max_dynamic: int) -> TensorDictBase:
-        """Copy the learner's weights and counters; return all that workers need."""
+        """Copy weights and counters of the learner; return the tensors to send to workers."""
         fresh = TensorDict.from_module(self._source[0]).data
         TensorDict.from_module(self.actor).data.update_(fresh)
         self.frames.fill_(frames)
@@ -65,7 +65,7 @@ class WorkerPolicy(TensorDictModuleBase):
 
 
 class CurriculumLevel(Transform):
-    """Let the environment follow the level that the policy writes beside its action."""
+    """Transform that sets the curriculum level of the environment to that of the policy."""
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         level = tensordict.get(keys.MAX_DYNAMIC, None)
@@ -75,25 +75,25 @@ class CurriculumLevel(Transform):
 
 
 def worker_seed(seed: int, worker: int, frames: int = 0) -> int:
-    """Return a seed of a worker's own, the same in every run with this ``seed``.
+    """Return the seed of a worker, a function of the seed of the run.
 
     Args:
-        seed: Of the run.
-        worker: Number of the worker.
-        frames: At which it starts, so that a resumed run does not repeat its first episodes.
+        seed: Seed of the run.
+        worker: Index of the worker.
+        frames: Frames at its start, so that a resumed run does not repeat its first episodes.
     """
     return int(np.random.SeedSequence([seed, worker, frames]).generate_state(1)[0]) >> 1
 
 
 @dataclass(frozen=True)
 class WorkerEnv:
-    """Builds a worker's environment in the worker's process, which it prepares first.
+    """Picklable constructor of the environment of a worker, called in its process.
 
     Args:
-        make_env: From a seed to an environment.
-        seed: Of the worker.
+        make_env: Maps a seed to an environment.
+        seed: Seed of the worker.
         num_threads: CPU threads of the worker.
-        max_dynamic: Pedestrians that its first episodes have at most.
+        max_dynamic: Largest number of dynamic pedestrians in its first episodes.
     """
 
     make_env: Callable[[int], TransformedEnv]
@@ -102,10 +102,10 @@ class WorkerEnv:
     max_dynamic: int
 
     def __call__(self) -> TransformedEnv:
-        """Set threads and random numbers of the process, then build the environment."""
+        """Set threads and seed of the process, then build the environment."""
         torch.set_num_threads(self.num_threads)
         torch.set_flush_denormal(True)
-        torch.manual_seed(self.seed)  # exploration draws from the global generator
+        torch.manual_seed(self.seed)  # exploration samples from the global generator
         env = self.make_env(self.seed)
         env.base_env.max_dynamic = self.max_dynamic
         env.append_transform(CurriculumLevel())
@@ -115,33 +115,33 @@ class WorkerEnv:
 
 @dataclass(frozen=True)
 class WorkerBatch:
-    """Keep of a batch what the learner needs, in the form it is sent.
+    """Reduce a batch to the entries that the learner needs.
 
     Args:
-        compact: Keeps what learning needs.
-        worker: Number of the worker, written into every transition.
+        compact: Reduction of transitions.
+        worker: Index of the worker, written into every transition.
     """
 
     compact: Compact
     worker: int
 
     def __call__(self, batch: TensorDictBase) -> TensorDict:
-        """Return ``[N, T]`` small transitions with their outcome, level and worker."""
+        """Return ``[N, T]`` reduced transitions with outcome, curriculum level and worker."""
         small = self.compact(batch)
         for key in (keys.OUTCOME, keys.REWARD_TERMS):
             small["next", key] = batch["next", key]
         small[keys.MAX_DYNAMIC] = batch[keys.MAX_DYNAMIC]
         small[keys.WORKER] = torch.full((*batch.batch_size, 1), self.worker)
-        if "collector" in batch:  # TorchRL's bookkeeping
+        if "collector" in batch:  # metadata of TorchRL
             small["collector"] = batch["collector"]
         return small
 
 
 class WorkerCollector:
-    """Stands for TorchRL's collector class where that takes no hook to make batches small.
+    """Replacement of TorchRL's collector class in engines without a per-worker postproc hook.
 
     Args:
-        compact: Keeps what learning needs.
+        compact: Reduction of transitions.
     """
 
     def __init__(self, compact: Compact) -> None:

@@ -1,4 +1,4 @@
-"""Collecting in worker processes, whatever engine runs them."""
+"""Base class of collectors with worker processes."""
 
 from __future__ import annotations
 
@@ -20,26 +20,25 @@ from navrl.training.worker import WorkerEnv, WorkerPolicy, worker_seed
 
 
 class WorkersCollector(ABC):
-    """Collect in worker processes, each with its own worlds and its own copy of the policy.
+    """Base class of collectors with worker processes, each with its own worlds and policy copy.
 
-    Subclasses choose the TorchRL collector that runs the workers. What a worker sends is reduced to
-    what learning needs first. A worker's policy is older than the learner's by up to
+    Subclasses select the TorchRL collector that runs the workers. Workers send only the entries
+    that learning needs. The policy of a worker is older than that of the learner by up to
     ``push_every_batches`` of its batches, which off-policy learning allows.
 
-    A resumed run goes on with exactly the learner, replay and counters of the checkpoint; workers
-    start new episodes.
+    A resumed run restores learner, replay and counters exactly; workers start new episodes.
 
     Args:
-        make_env: Builds a worker's environment from a seed; must pickle.
-        behaviour: What acts; its actor is the one in training.
-        seed: Of the run; worker k's is a hash of it, k and the frames at its start.
+        make_env: Builds the environment of a worker from a seed; must be picklable.
+        behaviour: Behavior policy with the actor in training.
+        seed: Seed of the run; that of worker k is a hash of it, k and the frames at its start.
         num_worlds: Worlds of each worker.
-        num_workers: Processes.
-        steps_per_batch: Steps of every world that a worker sends at once.
-        push_every_batches: Batches of a worker between two copies of the weights to it.
-        sync: Whether workers wait for each other and for the learner: repeatable, but slower.
+        num_workers: Number of worker processes.
+        steps_per_batch: Steps of every world in a batch.
+        push_every_batches: Batches of a worker between two updates of its weights.
+        sync: Whether workers wait for each other and for the learner; reproducible, but slower.
         threads_per_worker: CPU threads of each worker.
-        storage: ``"float16"`` or ``"float32"`` for observations on their way.
+        storage: ``"float16"`` or ``"float32"`` for transferred observations.
 
     Raises:
         ValueError: If a count is not positive or ``storage`` is unknown.
@@ -81,7 +80,7 @@ class WorkersCollector(ABC):
         self._batches: Iterator[TensorDictBase] | None = None
         self._steps: deque[tuple[int, TensorDictBase]] = deque()
         self._received: Counter[int] = Counter()
-        self._due: set[int] = set()  # workers whose weights are to be renewed
+        self._due: set[int] = set()  # workers whose weights must be updated
 
     @abstractmethod
     def _launch(self, envs: list[WorkerEnv]) -> BaseCollector:
@@ -89,11 +88,11 @@ class WorkersCollector(ABC):
 
     @property
     def frames_per_batch(self) -> int:
-        """Frames that TorchRL's collector gives at once: of one worker, or of all if ``sync``."""
+        """Frames per batch of TorchRL's collector: of one worker, or of all if ``sync``."""
         return self.num_worlds * self.steps_per_batch * (self.num_workers if self.sync else 1)
 
     def start(self, frames: int, max_dynamic: int) -> None:
-        """Start the processes with the learner's present weights."""
+        """Start the processes with the current weights of the learner."""
         self.max_dynamic = max_dynamic
         self.policy.refresh(frames, max_dynamic)
         seeds = [worker_seed(self.seed, k, frames) for k in range(self.num_workers)]
@@ -106,11 +105,11 @@ class WorkersCollector(ABC):
         self._batches = iter(self._workers)
 
     def set_max_dynamic(self, max_dynamic: int) -> None:
-        """Let the level reach each worker with the next weights."""
+        """Set the level, which each worker receives with the next weights."""
         self.max_dynamic = max_dynamic
 
     def step(self, frames: int, phases: Phases) -> tuple[int, TensorDictBase]:
-        """Return the next step of some worker, waiting for it if there is none at hand."""
+        """Return the next step of any worker; wait for a batch if none is available."""
         while not self._steps:
             if self._due:
                 with phases("push"):
@@ -125,11 +124,11 @@ class WorkersCollector(ABC):
             return next(self._batches)
         except Exception as error:  # each engine has its own
             raise RuntimeError(
-                "a worker has died or failed; resume=<run folder> goes on from the last checkpoint"
+                "a worker has died or failed; resume=<run folder> continues from the checkpoint"
             ) from error
 
     def _take(self, batch: TensorDictBase) -> None:
-        """Cut ``[N, T]`` of one worker or ``[W, N, T]`` of all into steps."""
+        """Split a batch ``[N, T]`` of one worker or ``[W, N, T]`` of all workers into steps."""
         for part in batch.unbind(0) if batch.ndim == 3 else (batch,):
             worker = int(part[keys.WORKER].flatten()[0])
             self._steps.extend((worker, step) for step in part.unbind(1))
@@ -143,11 +142,11 @@ class WorkersCollector(ABC):
         self._workers.update_policy_weights_(weights, worker_ids=workers)
 
     def state_dict(self) -> dict:
-        """Return nothing: episodes under way are the workers' own."""
+        """Return an empty state, because episodes of workers are not saved."""
         return {}
 
     def load_state_dict(self, state: Mapping) -> None:
-        """Restore nothing; see :meth:`state_dict`."""
+        """Ignore the state; see :meth:`state_dict`."""
         return None
 
     def close(self) -> None:
@@ -160,7 +159,7 @@ class WorkersCollector(ABC):
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Keep the learner's threads and random numbers, which TorchRL's collectors change."""
+    """Restore threads and random state of the learner, which TorchRL's collectors change."""
     threads = torch.get_num_threads()
     try:
         with torch.random.fork_rng(devices=[]):

@@ -1,6 +1,7 @@
-"""From raw lidar, pose and path to the networks' inputs: transforms for any TorchRL environment.
+"""TorchRL transforms from raw lidar, pose and path to the inputs of the networks.
 
-Transforms hold parameters, TensorDicts hold state: what must survive a step is a key.
+Transforms only hold parameters. State that must persist from step to step is a TensorDict key, so
+the transforms work with any TorchRL environment.
 """
 
 from navrl.transforms.action_shield import ActionShield

@@ -1,4 +1,4 @@
-"""What turns a policy's action into another command has in common."""
+"""Base class of action transforms."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
 
 
 class ActionMap(Transform):
-    """Make a command (v, w) of an action, with what the robot sees when it acts.
+    """Base class of transforms that map a policy's action and observations to a command (v, w).
 
-    As a step of a pipeline it travels with the pipeline: into training, evaluation, a policy bundle
-    and onto a robot, by ``inv``. Stored data is left alone: it holds the policy's own action.
-    Subclasses implement :meth:`command`.
+    As a step of the pipeline the transform is part of training, evaluation, policy bundles and
+    deployment, where ``inv`` applies it. Stored data is not changed, because it holds the policy's
+    own action. Subclasses implement :meth:`command`.
 
     Args:
-        names: What the keys of ``scan_keys`` hold, for messages.
-        scan_keys: What is read at the time of the action.
-        action_key: The action, for both sides.
+        names: Descriptions of the entries of ``scan_keys``, for error messages.
+        scan_keys: Keys of the observations read together with the action.
+        action_key: Key of the action, on both sides of the transform.
 
     Raises:
         ValueError: If the number of keys is wrong, or later if a key is missing.
@@ -40,15 +40,15 @@ class ActionMap(Transform):
         self.scan_keys = nested_keys(scan_keys)
         if len(self.scan_keys) != len(names):
             raise ValueError(
-                f"scan_keys must be {len(names)} keys ({', '.join(names)}), got {self.scan_keys}"
+                f"scan_keys={self.scan_keys}: must be {len(names)} keys ({', '.join(names)})"
             )
 
     def command(self, action: Tensor, *seen: Tensor) -> Tensor:
         """Return the commands ``[*B, 2]``, m/s and rad/s.
 
         Args:
-            action: ``[*B, 2]`` the policy's.
-            seen: What ``scan_keys`` hold, ``[*B, ...]``.
+            action: ``[*B, 2]``, action of the policy.
+            seen: ``[*B, ...]``, entries of ``scan_keys``.
         """
         raise NotImplementedError
 
@@ -66,11 +66,15 @@ class ActionMap(Transform):
         return tensordict_reset
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Leave stored data alone: it holds the policy's own action."""
+        """Return stored data unchanged, because it holds the policy's own action."""
         return tensordict
 
     def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Declare that a step reads the scan."""
+        """Add the scan keys to the state spec, because a step reads them.
+
+        Raises:
+            ValueError: If the environment lacks a key or its action is not (v, w).
+        """
         input_spec = input_spec.clone()
         for key in self.scan_keys:
             spec = read_spec(self, self.parent.full_observation_spec, key)
@@ -85,11 +89,11 @@ class ActionMap(Transform):
 
 
 def check_positive(**values: float) -> None:
-    """Hold arguments to be positive and finite.
+    """Check that arguments are positive and finite.
 
     Raises:
-        ValueError: At the first that is not, naming it.
+        ValueError: If an argument is not; the message names the first one.
     """
     for name, value in values.items():
         if not 0.0 < value < float("inf"):
-            raise ValueError(f"{name} must be positive and finite, got {value}")
+            raise ValueError(f"{name}={value}: must be positive and finite")

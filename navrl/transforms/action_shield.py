@@ -1,4 +1,4 @@
-"""Replace commands that lead to a collision, as the last step before they are driven."""
+"""Shield that replaces commands predicted to lead to a collision."""
 
 from __future__ import annotations
 
@@ -17,51 +17,59 @@ from navrl.transforms.observation_map import Keys
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
 _MAX_TIMES = 100
 _SAME_ROOM = 1e-3
-"""m, clearances that differ by less are equal: far below the noise of a range."""
+"""Clearances that differ by less than this are equal, m; far below the noise of a range."""
 
 
 class ActionShield(ActionMap):
     """Replace a command that leads to a collision by the most similar one that does not.
 
-    A command is held for ``horizon``; points of the scan stay in place, or move on at the velocity
-    of the descriptor that they belong to. The clearance of a command is the least distance between
-    the hull and a point, now and at later checked times. A command with more clearance than
-    ``margin`` passes unchanged. Otherwise the most similar command of a grid with more clearance
-    than ``margin`` is driven, by the difference in units of the limits' ranges; if there is none,
-    the command with the most clearance, and of those that tie the most similar to the one asked
-    for, which is itself a candidate. No command has more clearance than the present one, so beside
-    a wall that is already within ``margin`` a stop stays a stop, unless a point is predicted to
-    move in.
+    A command is simulated for ``horizon``, while points of the scan stay in place or move with the
+    velocity of their descriptor. The clearance of a command is the smallest distance between the
+    hull and a point over the checked times, including the present. A command with more clearance
+    than ``margin`` passes unchanged. Otherwise it is replaced by the most similar command of a grid
+    with more clearance than ``margin``, where similarity is the difference in units of the limits'
+    ranges. If there is none, the command with the largest clearance is selected, and among ties
+    the most similar one; the original command is a candidate too. No command has more clearance
+    than the present position, so beside a wall within ``margin`` a stop command is retained, unless
+    a point is predicted to approach.
 
-    The action is (v, w) on both sides. Nothing privileged is read, and there is no guarantee: the
-    robot can still hit an obstacle out of sight, or a pedestrian who turns.
+    The action is (v, w) on both sides. The shield reads no privileged state and gives no guarantee:
+    the robot can still hit an occluded obstacle or a pedestrian who changes direction.
 
     Args:
-        radius: Of the robot, m.
-        min_speed: Of the robot, m/s.
-        max_speed: Of the robot, m/s.
-        max_turn_rate: Of the robot, rad/s.
-        time_step: Between two scans, s.
-        horizon: Time for which a command is held, s.
-        checks_per_step: Times that are checked in each time step; the present is checked too.
-        margin: Kept between hull and points, m.
-        num_speeds: Speeds of the grid.
-        num_turn_rates: Turn rates of the grid; odd, so that straight on is one of them.
-        least_speed: A descriptor that moves slower is stationary, m/s: noise of scan and alignment.
-        most_speed: A faster one is a mismatch, m/s.
-        group_radius: Around a moved centroid within which points move with it, m.
+        radius: Radius of the robot, m.
+        min_speed: Smallest forward speed of the robot, m/s.
+        max_speed: Largest forward speed of the robot, m/s.
+        max_turn_rate: Largest turn rate of the robot, rad/s.
+        time_step: Time between two scans, s.
+        horizon: Time for which a command is simulated, s.
+        checks_per_step: Number of checked times in each time step; the present is checked too.
+        margin: Required clearance between hull and points, m.
+        num_speeds: Number of speeds of the grid.
+        num_turn_rates: Number of turn rates of the grid; odd, so that zero is one of them.
+        least_speed: Slower descriptors are treated as stationary, m/s; noise of scan and alignment.
+        most_speed: Faster descriptors are treated as mismatches, m/s.
+        group_radius: Radius around a moving centroid within which points move with it, m.
         scan_keys: Points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]`` bool, descriptors
-            ``[*B, G, 4]`` m and which halves are real ``[*B, G, 2]`` bool, at the time of the
+            ``[*B, G, 4]`` m and validity of their halves ``[*B, G, 2]`` bool, at the time of the
             action.
-        action_key: The command ``[*B, 2]``, for both sides.
+        action_key: Key of the command ``[*B, 2]``, on both sides.
 
     Raises:
         ValueError: If a value is out of range, or later if a key is missing.
 
+    Example:
+        >>> shield = ActionShield(radius=0.178, horizon=0.4)
+        >>> wall = torch.tensor([[[0.4, 0.0]]]), torch.tensor([[True]])
+        >>> static = torch.zeros(1, 1, 4), torch.zeros(1, 1, 2, dtype=torch.bool)
+        >>> full_speed_ahead = torch.tensor([[1.0, 0.0]])
+        >>> bool(shield.command(full_speed_ahead, *wall, *static)[0, 0] < 1.0)
+        True
+
     Reference:
         Not in the paper. Shielding of learned policies: Alshiekh et al., "Safe Reinforcement
-        Learning via Shielding", 2018. Ours: the arcs of a dynamic window (Fox et al. 1997) among
-        points that walk on with their TAGDs.
+        Learning via Shielding", 2018. This implementation simulates the arcs of a dynamic window
+        (Fox et al. 1997) among points that move with their TAGDs.
     """
 
     def __init__(
@@ -94,12 +102,12 @@ class ActionShield(ActionMap):
         if not (0.0 <= margin < math.inf and -math.inf < min_speed < max_speed < math.inf):
             raise ValueError(
                 f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
-                "need min_speed < max_speed"
+                "must satisfy min_speed < max_speed"
             )
         if not 0.0 < least_speed < most_speed:
             raise ValueError(
                 f"least_speed={least_speed}, most_speed={most_speed}: "
-                "need 0 < least_speed < most_speed"
+                "must satisfy 0 < least_speed < most_speed"
             )
         count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
@@ -111,12 +119,12 @@ class ActionShield(ActionMap):
         self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
 
     def command(self, action: Tensor, *seen: Tensor) -> Tensor:
-        """Return the commands ``[*B, 2]`` m/s and rad/s to drive.
+        """Return the shielded commands ``[*B, 2]``, m/s and rad/s.
 
         Args:
-            action: ``[*B, 2]`` (v, w) asked for.
+            action: ``[*B, 2]``, requested (v, w).
             seen: Points ``[*B, P, 2]`` m, returns ``[*B, P]`` bool, descriptors ``[*B, G, 4]`` m
-                and which halves are real ``[*B, G, 2]`` bool.
+                and validity of their halves ``[*B, G, 2]`` bool.
         """
         batch = action.shape[:-1]
         flat = (value.reshape(-1, *value.shape[len(batch) :]) for value in (action, *seen))
@@ -131,14 +139,14 @@ class ActionShield(ActionMap):
             points, tagd.float(), valid, least=least, most=most, group_radius=self.group_radius
         )
         blocked = self._room(command.unsqueeze(1), points, motion)[:, 0] <= self.margin
-        rows = blocked.nonzero()[:, 0]  # few: only for them the grid is tried
+        rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
         if not len(rows):
             return command
         instead = self._most_similar(command[rows], points[rows], motion[rows])
         return command.index_put((rows,), instead)
 
     def _most_similar(self, command: Tensor, points: Tensor, motion: Tensor) -> Tensor:
-        """Return ``[R, 2]``, for each command the most similar of those allowed in its place."""
+        """Return the most similar allowed command for each command, ``[R, 2]``."""
         grid = self._grid.to(command).expand(len(command), -1, -1)
         candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
         room = self._room(candidates, points, motion)
@@ -149,9 +157,9 @@ class ActionShield(ActionMap):
         return candidates[torch.arange(len(command), device=command.device), nearest]
 
     def _room(self, commands: Tensor, points: Tensor, motion: Tensor) -> Tensor:
-        """Return ``[N, S]`` m, the least between the hull and a point while a command is held."""
+        """Return the smallest distance between hull and points over the horizon, ``[N, S]`` m."""
         times = commands.new_tensor(self.times)
-        driven = commands.unsqueeze(-2) * times.unsqueeze(-1)  # m and rad since now
+        driven = commands.unsqueeze(-2) * times.unsqueeze(-1)  # m and rad from the present pose
         places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
         steps = [time / self.time_step for time in self.times]
         return room_along(places, points, motion, steps).amin(-1) - self.radius

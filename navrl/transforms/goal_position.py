@@ -1,4 +1,4 @@
-"""Where the goal is, seen from the robot."""
+"""Goal position in the robot frame."""
 
 from __future__ import annotations
 
@@ -13,18 +13,24 @@ from navrl.transforms.observation_map import Keys, ObservationMap, real_spec, wo
 
 
 class GoalPosition(ObservationMap):
-    """Give the end of the global path in the robot frame, however far away it is.
+    """Transform the end of the global path to the robot frame.
 
     Args:
-        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world; far from its origin
-            in float64, which is kept until they are subtracted.
+        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]`` in the same world frame; float64 for
+            coordinates far from the origin, which is preserved until they are subtracted.
         out_keys: Goal ``[*B, 2]`` m in the robot frame.
 
     Raises:
-        ValueError: If the number of keys is not right, or later if the environment lacks one.
+        ValueError: If the number of keys is wrong, or later if the environment lacks a key.
+
+    Example:
+        >>> import torch
+        >>> path = torch.tensor([[[0.0, 0.0], [4.0, 0.0]]])
+        >>> GoalPosition()(pose=torch.tensor([[1.0, 0.0, 0.0]]), path=path)
+        tensor([[3., 0.]])
 
     Reference:
-        Paper Sec. V-C: what the baselines see of the task beside waypoints, or instead of them.
+        Paper Sec. V-C: task input of the baselines, in addition to or instead of waypoints.
     """
 
     INPUTS = ("pose", "path")
@@ -36,7 +42,7 @@ class GoalPosition(ObservationMap):
         super().__init__(in_keys, out_keys)
 
     def map_values(self, pose: Tensor, path: Tensor) -> Sequence[Tensor]:
-        """Transform the path's last point."""
+        """Transform the last point of the path to the robot frame."""
         pose, path = world_values(pose, path)
         goal = se2.transform_points(se2.inverse(pose), path[..., -1:, :])
         return (goal.squeeze(-2).float(),)

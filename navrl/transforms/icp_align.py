@@ -1,4 +1,4 @@
-"""The previous scan, seen from where the robot is now."""
+"""Alignment of the previous scan with the current robot frame."""
 
 from __future__ import annotations
 
@@ -17,31 +17,41 @@ from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec, re
 
 
 class ICPAlign(ObservationMap):
-    """Align scan t-1 to scan t, from the scans alone: no odometry.
+    """Align scan t-1 with scan t by scan matching, without odometry.
 
     Args:
-        method: ``"icp"``, or ``"none"`` for the identity: the paper's robustness test with ICP
-            turned off, where nothing converges and nothing matches.
+        method: ``"icp"``, or ``"none"`` for the identity, which is the paper's robustness test with
+            ICP turned off (not converged, no matches).
         initialization: ``"identity"`` or ``"rotation_search"``.
         metric: ``"point_to_point"`` or ``"point_to_line"``.
-        gate: Matches farther apart than this are not used, m.
-        robust_scale: Scale of the point-to-line stage's robust weight, m; None for none.
-        max_iterations: Bound on the iterations of each stage.
-        rotation_tolerance: Turn of a step below which it has converged, rad.
-        translation_tolerance: Motion of a step below which it has converged, m.
-        min_pairs: Matches that an alignment needs; with fewer it is the identity.
-        search_range: Largest turn the rotation search considers to either side, rad.
+        gate: Largest distance of a match, m.
+        robust_scale: Scale of the robust weight of the point-to-line stage, m; None for no weight.
+        max_iterations: Largest number of iterations of each stage.
+        rotation_tolerance: Rotation of a step below which a stage has converged, rad.
+        translation_tolerance: Translation of a step below which a stage has converged, m.
+        min_pairs: Required number of matches; with fewer the result is the identity.
+        search_range: Largest rotation of the rotation search to either side, rad.
         in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t-1, then of scan t;
-            optionally the bins that the lidar covers ``[*B, N]`` bool, for the rotation search.
+            optionally the bins covered by the lidar ``[*B, N]`` bool, for the rotation search.
         out_keys: Points of scan t-1 in frame t ``[*B, N, 2]`` m, T_target_source ``[*B, 3]``,
-            whether it converged ``[*B, 1]`` bool, matched pairs ``[*B, 1]`` int64.
+            convergence ``[*B, 1]`` bool, number of matched pairs ``[*B, 1]`` int64.
 
     Raises:
-        ValueError: If an argument is not as above, naming it.
+        ValueError: If an argument is not as above; the message names it.
+
+    Example:
+        >>> scan = torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]).repeat(1, 4, 1)
+        >>> is_return, moved = torch.ones(1, 12, dtype=torch.bool), torch.tensor([0.1, 0.0])
+        >>> _, transform, converged, inliers = ICPAlign()(
+        ...     points_previous=scan, returns_previous=is_return,
+        ...     points=scan + moved, returns=is_return,
+        ... )
+        >>> transform.round(decimals=3).abs(), int(inliers)
+        (tensor([[0.1000, 0.0000, 0.0000]]), 12)
 
     Reference:
         Paper Sec. IV-A; "ICP alignment artificially turned off" is tested in Sec. V-E. The options
-        and what the paper leaves open are described in :class:`navrl.ops.icp.IcpOptions`.
+        that the paper does not specify are described in :class:`navrl.ops.icp.IcpOptions`.
     """
 
     INPUTS = ("previous points", "previous returns", "points", "returns")
@@ -75,7 +85,7 @@ class ICPAlign(ObservationMap):
     ) -> None:
         super().__init__(in_keys, out_keys)
         if method not in ("icp", "none"):
-            raise ValueError(f"method must be one of icp, none, got {method!r}")
+            raise ValueError(f"method={method!r}: must be one of icp, none")
         self.method = method
         self.options = IcpOptions(
             initialization=initialization,
@@ -97,7 +107,7 @@ class ICPAlign(ObservationMap):
         returns: Tensor,
         seen: Tensor | None = None,
     ) -> Sequence[Tensor]:
-        """Align; see :func:`navrl.ops.icp.align`."""
+        """Align the scans; see :func:`navrl.ops.icp.align`."""
         if self.method == "none":
             batch = points.shape[:-2]
             return (
@@ -123,7 +133,7 @@ class ICPAlign(ObservationMap):
         returns: TensorSpec,
         seen: TensorSpec | None = None,
     ) -> Sequence[TensorSpec]:
-        """Return the specs of aligned points, transform, converged and inliers."""
+        """Return the specs of aligned points, transform, convergence and inliers."""
         batch = points.shape[:-2]
         return (
             real_spec(points, *previous_points.shape),

@@ -1,4 +1,4 @@
-"""From raw beams to a few points."""
+"""Min-pooling of raw lidar beams to ranges and points."""
 
 from __future__ import annotations
 
@@ -23,31 +23,37 @@ _MAX_TABLE = 10_000_000  # entries, bins times the beams of the fullest one
 
 
 class MinPool(ObservationMap):
-    """Keep the nearest return of each of N equal bins of bearings, as range and as point.
+    """Reduce a scan to the nearest return in each of N equal bearing bins, as range and point.
 
-    The bins cover the full circle around the robot in any case. Bins that no beam points into (a
-    scanner of 270 degrees) have no return; ``seen``, if a fourth out_key asks for it, tells them
-    from free ones. Readings, of any mount, become ranges and points of the robot's own frame.
+    The bins always cover the full circle around the robot. Bins without beams (a 270 degree
+    scanner) have no return; ``seen``, an optional fourth output, distinguishes them from free bins.
+    Readings of a scanner with any mount become ranges and points in the robot frame.
 
     Args:
-        group_size: Beams in a bin; must divide the beams of a revolution. None with ``num_points``.
+        group_size: Beams per bin; must divide the beams of a revolution. None with ``num_points``.
         max_range: Range of the sensor, m; a reading at or beyond it, not finite, or not positive
             is no return.
-        bearing: ``"bin"`` draws a point at its bin's center angle, ``"beam"`` at the angle of the
-            beam that measured it.
-        num_points: Points N that must come out, for networks made for as many; None for any. With
-            ``group_size=None`` it sets them, and need not divide the beams.
+        bearing: ``"bin"`` places a point at the center bearing of its bin, ``"beam"`` at the
+            bearing of the beam that measured it.
+        num_points: Required number of points N, for networks of a fixed input size; None for any.
+            With ``group_size=None`` it sets N, which need not divide the number of beams.
         angle_min: Bearing of beam 0 in the scanner's frame, rad.
-        angle_increment: From one beam to the next, rad, negative if they are counted clockwise;
-            None for beams over a full circle, counter-clockwise.
+        angle_increment: Angle from one beam to the next, rad, negative for clockwise order; None
+            for beams over a full circle, counter-clockwise.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
         in_keys: Ranges ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment``.
         out_keys: Pooled ranges ``[*B, N]`` m, points ``[*B, N, 2]`` m in the robot frame, and
-            which of them are returns ``[*B, N]`` bool; optionally which bins are seen ``[*B, N]``.
+            returns ``[*B, N]`` bool; optionally the covered bins ``[*B, N]`` bool.
 
     Raises:
         ValueError: If an argument is not as above, or if ``group_size`` does not divide the
-            environment's number of beams or makes another number of points of them.
+            environment's number of beams or results in another number of points.
+
+    Example:
+        >>> pool = MinPool(group_size=2)
+        >>> ranges, points, returns = pool(ranges=torch.tensor([[1.0, 2.0, 3.5, 3.5]]))
+        >>> ranges, returns
+        (tensor([[1.0000, 3.5000]]), tensor([[ True, False]]))
 
     Reference:
         Paper Sec. IV-C and IV-G; see :func:`navrl.ops.pooling.min_pool`.
@@ -81,7 +87,7 @@ class MinPool(ObservationMap):
         """Return the bearings and bins of a scan of ``num_beams`` beams.
 
         Raises:
-            ValueError: If the beams do not fit this pooling.
+            ValueError: If the number of beams does not match this pooling.
         """
         angles = (self.angle_min, self.angle_increment, self.mount)
         return scan_layout(num_beams, self.group_size, self.num_points, *angles)
@@ -104,7 +110,11 @@ class MinPool(ObservationMap):
         return (*pooled, seen.expand(pooled.returns.shape).clone())
 
     def map_specs(self, ranges: TensorSpec) -> Sequence[TensorSpec]:
-        """Return the specs of pooled ranges, points, returns and, if asked for, seen."""
+        """Return the specs of pooled ranges, points, returns and, if requested, seen.
+
+        Raises:
+            ValueError: If the number of beams does not match this pooling.
+        """
         try:
             num_points = self._checked_bins(ranges.shape[-1])
         except ValueError as error:

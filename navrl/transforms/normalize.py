@@ -1,4 +1,4 @@
-"""From metres to what a network likes."""
+"""Scale lengths to about [-1, 1]."""
 
 from __future__ import annotations
 
@@ -13,17 +13,22 @@ from navrl.transforms.observation_map import Keys, ObservationMap, nested_keys
 
 
 class Normalize(ObservationMap):
-    """Divide each entry by one length, so that coordinates lie in about [-1, 1].
+    """Divide entries by a common length, so that coordinates are in about [-1, 1].
 
-    All coordinates share the scale: points, descriptors and waypoints stay comparable.
+    All entries share the scale, so points, descriptors and waypoints remain comparable.
 
     Args:
-        scale: Length that becomes 1, m.
-        in_keys: Entries in m, of any number and shape.
-        out_keys: One key for each, the networks' inputs.
+        scale: Length that is mapped to 1, m.
+        in_keys: Any number of entries in m, of any shape.
+        out_keys: One network input key for each entry.
 
     Raises:
         ValueError: If the scale is not positive or the numbers of keys differ.
+
+    Example:
+        >>> normalize = Normalize(scale=3.5, in_keys=["goal_position"], out_keys=["goal"])
+        >>> normalize(goal_position=torch.tensor([[3.5, -7.0]]))
+        tensor([[ 1., -2.]])
 
     Reference:
         Not in the paper; the authors' precursor divides all coordinates by d_max = 3.5 m.
@@ -39,7 +44,7 @@ class Normalize(ObservationMap):
         self.OUTPUTS = self.INPUTS
         super().__init__(in_keys, out_keys)
         if not scale > 0.0:
-            raise ValueError(f"scale must be positive (m), got {scale}")
+            raise ValueError(f"scale={scale}: must be positive (m)")
         self.scale = scale
 
     def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
@@ -47,7 +52,7 @@ class Normalize(ObservationMap):
         return [value.float() / self.scale for value in inputs]
 
     def map_specs(self, *inputs: TensorSpec) -> Sequence[TensorSpec]:
-        """Return the specs, with bounds scaled where there are any."""
+        """Return the specs with scaled bounds, if they have bounds."""
         return [self._scaled(spec) for spec in inputs]
 
     def _scaled(self, spec: TensorSpec) -> TensorSpec:

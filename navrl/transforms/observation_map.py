@@ -1,4 +1,4 @@
-"""The interface of navrl's transforms: named inputs to named outputs, with specs."""
+"""Base class of stateless observation transforms and shared key and spec helpers."""
 
 from __future__ import annotations
 
@@ -16,19 +16,33 @@ Keys = Sequence[NestedKey | list[str]] | str
 
 
 class ObservationMap(Transform):
-    """Interface of a transform whose outputs depend on inputs of the same time only.
+    """Base class of transforms whose outputs depend only on inputs of the same time step.
 
-    A subclass names its inputs and outputs and says how values and specs map; this class applies
-    it after each reset and step, to data from a replay buffer (at the root and under ``"next"``)
-    and, called with keywords, to bare tensors. Nothing is kept between calls.
+    A subclass names its inputs and outputs and defines the mapping of values and specs. This class
+    applies it after each reset and step, to data from a replay buffer (at the root and under
+    ``"next"``) and, called with keywords, to plain tensors. No state is stored between calls.
 
     Args:
-        in_keys: One key for each of ``INPUTS``, in their order, and then for any number of
-            ``OPTIONAL_INPUTS``. A nested key is a tuple, or a list as it comes from YAML.
-        out_keys: One key for each of ``OUTPUTS``, and then of ``OPTIONAL_OUTPUTS``.
+        in_keys: One key for each of ``INPUTS`` in order, followed by any number of
+            ``OPTIONAL_INPUTS``. A nested key is a tuple, or a list in YAML.
+        out_keys: One key for each of ``OUTPUTS``, followed by those of ``OPTIONAL_OUTPUTS``.
 
     Raises:
-        ValueError: If the number of keys is not right, or later if the environment lacks one.
+        ValueError: If the number of keys is wrong, or later if the environment lacks a key.
+
+    Example:
+        >>> class NearestRange(ObservationMap):
+        ...     INPUTS, OUTPUTS = ("ranges",), ("nearest range",)
+        ...
+        ...     def map_values(self, ranges):
+        ...         return (ranges.amin(-1, keepdim=True),)
+        ...
+        ...     def map_specs(self, ranges):
+        ...         return (real_spec(ranges, *ranges.shape[:-1], 1),)
+        >>> NearestRange(in_keys=["ranges"], out_keys=["nearest"])(
+        ...     ranges=torch.tensor([[3.0, 1.5]])
+        ... )
+        tensor([[1.5000]])
     """
 
     INPUTS: tuple[str, ...]
@@ -44,15 +58,19 @@ class ObservationMap(Transform):
 
     @abstractmethod
     def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
-        """Return one fresh tensor per output key."""
+        """Return one new tensor per output key."""
 
     @abstractmethod
     def map_specs(self, *inputs: TensorSpec) -> Sequence[TensorSpec]:
-        """Return one spec per output key, or raise a ValueError if the inputs do not fit."""
+        """Return one spec per output key.
+
+        Raises:
+            ValueError: If the input specs do not match the transform.
+        """
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Map data outside an environment; a transition is mapped at its root and its next."""
+        """Map data outside an environment; transitions are mapped at the root and under "next"."""
         self._call(tensordict)
         if "next" in tensordict:
             self._call(tensordict["next"])
@@ -70,7 +88,7 @@ class ObservationMap(Transform):
         return map_reset_rows(self, tensordict, tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Return the environment's specs with those of the outputs added."""
+        """Add the specs of the outputs to those of the environment."""
         inputs = [read_spec(self, observation_spec, key) for key in self.in_keys]
         observation_spec = observation_spec.clone()
         for key, spec in zip(self.out_keys, self.map_specs(*inputs), strict=True):
@@ -114,45 +132,53 @@ def map_reset_rows(
 def refuse_without_past(
     transform: Transform, tensordict: TensorDictBase, keys: Sequence[NestedKey]
 ) -> None:
-    """Refuse a stored transition whose root lacks what followed from the steps before it.
+    """Reject stored transitions whose root lacks entries that depend on earlier steps.
 
-    Without ``"next"`` the data is taken for first scans, which have no past.
+    Data without ``"next"`` is treated as initial scans, which have no past.
 
     Args:
-        transform: Which carries ``keys`` from step to step.
-        tensordict: The data.
-        keys: What is missing at the root of it.
+        transform: Transform that carries ``keys`` from step to step.
+        tensordict: Stored data.
+        keys: Keys missing at its root.
 
     Raises:
-        ValueError: If the data is of transitions, naming the keys.
+        ValueError: If the data contains transitions; the message names the keys.
     """
     if "next" in tensordict:
         name = type(transform).__name__
         raise ValueError(
-            f"{name} needs {list(keys)} at the root of stored transitions: the steps before them, "
-            f"from which they follow, are not there. Let {name} and the steps before it run in the "
-            "environment and store their outputs; those that read one time only (ICPAlign, TAGD, "
-            "Normalize) can run in the replay buffer"
+            f"{name} needs {list(keys)} at the root of stored transitions, because they depend on "
+            f"earlier steps. Run {name} and the transforms before it in the environment and store "
+            "their outputs; transforms of a single time step (ICPAlign, TAGD, Normalize) can run "
+            "in the replay buffer"
         )
 
 
 def nested_keys(keys: Keys) -> list[NestedKey]:
-    """Return keys as TorchRL wants them: YAML's lists for nested keys become tuples."""
+    """Return keys in the form of TorchRL: lists for nested keys (from YAML) become tuples."""
     keys = [keys] if isinstance(keys, str) else keys
     return [key if isinstance(key, str) else tuple(key) for key in keys]
 
 
 def read(transform: Transform, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
-    """Return the entry of a TensorDict, or raise a ValueError that names what is missing."""
+    """Return an entry of a TensorDict.
+
+    Raises:
+        ValueError: If the key is missing; the message lists the available keys.
+    """
     value = tensordict.get(key, None)
     if value is None:
         present = ", ".join(sorted(map(str, tensordict.keys(True, True))))
-        raise ValueError(f"{type(transform).__name__} needs key {key!r}; present are: {present}")
+        raise ValueError(f"{type(transform).__name__} needs key {key!r}; available: {present}")
     return value
 
 
 def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorSpec:
-    """Return the spec of a key, or raise a ValueError that names what the environment lacks."""
+    """Return the spec of a key.
+
+    Raises:
+        ValueError: If the environment lacks the key; the message lists the available keys.
+    """
     present = specs.keys(True, True)
     if key not in present:
         known = ", ".join(sorted(map(str, present)))
@@ -161,10 +187,10 @@ def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorS
 
 
 def world_values(*values: Tensor) -> tuple[Tensor, ...]:
-    """Return world coordinates in one precision: float64 if any has it, else float32.
+    """Return world coordinates in a common precision: float64 if any of them has it, else float32.
 
-    Near (5e5, 5.6e6) m, as maps in UTM coordinates are, float32 knows half a meter; so they are
-    cast only once they have been subtracted from each other.
+    Near (5e5, 5.6e6) m, typical of maps in UTM coordinates, float32 has a resolution of half a
+    meter; therefore coordinates are converted to float32 only after their subtraction.
     """
     is_double = any(value.dtype == torch.float64 for value in values)
     return tuple(value.double() if is_double else value.float() for value in values)
@@ -190,6 +216,6 @@ def _check_count(
     if not len(names) <= len(keys) <= len(names) + len(optional):
         more = f", and optionally {', '.join(optional)}" if optional else ""
         raise ValueError(
-            f"{transform}: {argument} must be {len(names)} keys ({', '.join(names)}){more}, got "
-            f"{keys}; a nested key is a list of its own"
+            f"{transform}: {argument}={keys}: must be {len(names)} keys ({', '.join(names)})"
+            f"{more}; write a nested key as a list within the list"
         )

@@ -1,4 +1,4 @@
-"""Several past scans as ranges, each seen from where the robot is now."""
+"""Several past scans as ranges in the current robot frame."""
 
 from __future__ import annotations
 
@@ -24,32 +24,40 @@ from navrl.transforms.observation_map import (
 
 
 class RangeHistory(Transform):
-    """Carry past scans from frame to frame and read them as ranges by bearing.
+    """Transform past scans to the current frame and project them to ranges by bearing.
 
-    What stands still is where it was in every scan, however the robot moved; what moved is not. A
-    convolution over beams with the scans as channels sees that difference at once.
+    Static obstacles have the same position in all scans, independent of the robot's motion; moving
+    obstacles do not. A convolution over beams with the scans as channels can detect the difference.
 
-    As in :class:`navrl.transforms.ScanHistory` the past lives in the TensorDict. At a reset there
-    is none, and the present stands in for it.
+    As in :class:`navrl.transforms.ScanHistory` the past is stored in the TensorDict. After a reset
+    there is no past and the current scan replaces it.
 
     Args:
-        num_scans: Past scans K.
-        group_size: Beams in a bin of the min-pooling, which says where the bearings are; None if
-            it is None there.
+        num_scans: Number of past scans K.
+        group_size: Beams per bin of the min-pooling, which determines the bearings of the bins;
+            None if it is None there.
         max_range: Range of the sensor, m.
-        in_keys: Points ``[*B, N, 2]`` m of scan t, those without return at ``max_range``, and
-            T_target_source ``[*B, 3]`` of frame t-1 in frame t; optionally the bins that the
-            lidar covers ``[*B, N]`` bool. The others say nothing of the past: not that it was free.
+        in_keys: Points ``[*B, N, 2]`` m of scan t, those without a return at ``max_range``, and
+            T_target_source ``[*B, 3]`` of frame t-1 in frame t; optionally the bins covered by the
+            lidar ``[*B, N]`` bool. Uncovered bins are excluded from past scans instead of being
+            treated as free.
         out_keys: Past points ``[*B, K, N, 2]`` m in frame t, scan t-1 first, and all ranges
             ``[*B, K + 1, N]`` m, scan t first.
 
     Raises:
-        ValueError: If an argument is not positive, a number of keys is not two, or later if the
+        ValueError: If an argument is not positive, a number of keys is wrong, or later if the
             environment lacks a key.
 
+    Example:
+        >>> history = RangeHistory(num_scans=2, group_size=None)
+        >>> points, no_motion = torch.tensor([[[1.0, 0.1], [-2.0, -0.1]]]), torch.zeros(1, 3)
+        >>> past_points, ranges = history(points=points, icp_transform=no_motion)
+        >>> past_points.shape, ranges.shape
+        (torch.Size([1, 2, 2, 2]), torch.Size([1, 3, 2]))
+
     Reference:
-        Not in the paper, which compares two scans in descriptors; see
-        :func:`navrl.ops.projection.project_ranges` for how a past scan is read.
+        Not in the paper, which compares two scans by descriptors; see
+        :func:`navrl.ops.projection.project_ranges` for the projection.
     """
 
     def __init__(
@@ -63,9 +71,8 @@ class RangeHistory(Transform):
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
         if len(self.in_keys) not in (2, 3) or len(self.out_keys) != 2:
             raise ValueError(
-                f"RangeHistory: in_keys (points, transform) and out_keys (past points, ranges) "
-                f"must be two each, and optionally seen in in_keys, got {self.in_keys} and "
-                f"{self.out_keys}"
+                f"RangeHistory: in_keys={self.in_keys}, out_keys={self.out_keys}: must be two each "
+                "(points, transform; past points, ranges), and optionally seen in in_keys"
             )
         if num_scans < 1 or (group_size is not None and group_size < 1) or not max_range > 0.0:
             raise ValueError(
@@ -85,7 +92,7 @@ class RangeHistory(Transform):
         return self._write(next_tensordict, se2.transform_points(transform, past))
 
     def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Let the present stand in for a past that does not exist."""
+        """Fill the missing past with the current scan."""
         points = read(self, tensordict, self.in_keys[0]).unsqueeze(-3)
         past = points.repeat_interleave(self.num_scans, dim=-3)
         return self._write(tensordict, past)
@@ -99,7 +106,7 @@ class RangeHistory(Transform):
         now = torch.linalg.vector_norm(read(self, tensordict, self.in_keys[0]), dim=-1)
         now = now.clamp(max=self.max_range).unsqueeze(-2)
         covered = past
-        if len(self.in_keys) == 3:  # the order of points is kept, so a past one is in the same bin
+        if len(self.in_keys) == 3:  # points retain their order, so the mask applies to past scans
             seen = read(self, tensordict, self.in_keys[2])[..., None, :, None]
             covered = torch.where(seen, past, torch.nan)
         past_ranges = project_ranges(covered, now, self.group_size, self.max_range)
@@ -111,9 +118,9 @@ class RangeHistory(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Restore the past of stored data.
 
-        Under ``"next"`` it follows from the root's, also at the end of an episode. At the root a
-        stored past is kept. Without one, data without ``"next"`` is of first scans, for which the
-        present stands in; a transition is refused.
+        Under ``"next"`` the past is computed from the root, also at the end of an episode. At the
+        root a stored past is retained. Data without a stored past and without ``"next"`` is treated
+        as initial scans, whose past is the current scan.
 
         Raises:
             ValueError: If the root of a transition lacks its past.
@@ -127,7 +134,7 @@ class RangeHistory(Transform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Return the environment's specs with those of the past added."""
+        """Add the specs of the past to those of the environment."""
         points = read_spec(self, observation_spec, self.in_keys[0])
         *batch, num_points, _ = points.shape
         observation_spec = observation_spec.clone()
@@ -144,7 +151,7 @@ class RangeHistory(Transform):
         return observation_spec
 
     def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Declare that a step reads the present and its past from its caller."""
+        """Add the current points and their past to the state spec, because a step reads them."""
         input_spec = input_spec.clone()
         observation_spec = self.parent.full_observation_spec
         points = read_spec(self, observation_spec, self.in_keys[0])

@@ -1,4 +1,4 @@
-"""The previous scan, as a key."""
+"""Previous scan as TensorDict keys."""
 
 from __future__ import annotations
 
@@ -19,19 +19,30 @@ from navrl.transforms.observation_map import (
 
 
 class ScanHistory(Transform):
-    """Carry entries of time t-1 beside those of time t.
+    """Add the entries of time t-1 to those of time t.
 
-    The past lives in the TensorDict, not here: the value at t-1 is read from the root that the
-    caller steps. So partial resets, interleaved streams, planning and replay all see their own
-    past. At a reset there is none, and the current value stands in for it: nothing has moved.
+    The past is stored in the TensorDict, not in the transform: the value at t-1 is read from the
+    root that the caller steps. Partial resets, interleaved streams, planning and replay therefore
+    each have their own past. After a reset there is no past and the current value replaces it,
+    which shows no motion.
 
     Args:
-        in_keys: Entries of time t, of any number and shape.
-        out_keys: Keys for the same entries of time t-1, each in its own frame.
+        in_keys: Any number of entries of time t, of any shape.
+        out_keys: Keys of the same entries of time t-1, each in its own frame.
 
     Raises:
-        ValueError: If there are not as many out_keys as in_keys, or later if the environment
-            lacks one.
+        ValueError: If the numbers of out_keys and in_keys differ, or later if the environment lacks
+            a key.
+
+    Example:
+        >>> import torch
+        >>> from tensordict import TensorDict
+        >>> history = ScanHistory(in_keys=["points"], out_keys=["points_previous"])
+        >>> first, second = torch.zeros(1, 2, 2), torch.ones(1, 2, 2)
+        >>> data = TensorDict({"points": first, "next": {"points": second}}, [1])
+        >>> data["points_previous"] = first
+        >>> bool((history(data)["next", "points_previous"] == first).all())
+        True
 
     Reference:
         Paper Sec. IV-A, the scans B_{t-1} and B_t. The first step of an episode duplicates the
@@ -46,18 +57,18 @@ class ScanHistory(Transform):
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
         if len(self.in_keys) != len(self.out_keys):
             raise ValueError(
-                f"ScanHistory: out_keys must be as many as in_keys ({self.in_keys}), "
-                f"got {self.out_keys}"
+                f"ScanHistory: out_keys={self.out_keys}: must be as many as in_keys "
+                f"({self.in_keys})"
             )
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         for now, previous in zip(self.in_keys, self.out_keys, strict=True):
-            # A clone: workers of a ParallelEnv overwrite the root's memory at the next step.
+            # Cloned, because workers of a ParallelEnv overwrite the root's memory at the next step.
             next_tensordict.set(previous, read(self, tensordict, now).clone())
         return next_tensordict
 
     def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Let the present stand in for a past that does not exist."""
+        """Fill the missing past with the current scan."""
         for now, previous in zip(self.in_keys, self.out_keys, strict=True):
             tensordict.set(previous, read(self, tensordict, now).clone())
         return tensordict
@@ -71,9 +82,9 @@ class ScanHistory(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Restore the past of stored data.
 
-        Under ``"next"`` it is the root's present, also at the end of an episode. At the root a
-        stored past is kept. Without one, data without ``"next"`` is of first scans, for which the
-        present stands in; a transition is refused.
+        Under ``"next"`` the past is the current entry of the root, also at the end of an episode.
+        At the root a stored past is retained. Data without a stored past and without ``"next"`` is
+        treated as initial scans, whose past is the current scan.
 
         Raises:
             ValueError: If the root of a transition lacks its past.
@@ -87,7 +98,7 @@ class ScanHistory(Transform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Return the environment's specs with those of the past added."""
+        """Add the specs of the past to those of the environment."""
         specs = [read_spec(self, observation_spec, key).clone() for key in self.in_keys]
         observation_spec = observation_spec.clone()
         for key, spec in zip(self.out_keys, specs, strict=True):
@@ -95,7 +106,7 @@ class ScanHistory(Transform):
         return observation_spec
 
     def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Declare that a step reads the present from its caller."""
+        """Add the current entries to the state spec, because a step reads them."""
         input_spec = input_spec.clone()
         for key in self.in_keys:
             spec = read_spec(self, self.parent.full_observation_spec, key)

@@ -1,4 +1,4 @@
-"""Subgoals as actions."""
+"""Action transform from subgoals to velocity commands."""
 
 from __future__ import annotations
 
@@ -16,36 +16,42 @@ from navrl.transforms.observation_map import Keys
 
 
 class SubgoalAction(ActionMap):
-    """Take an action as a point to go to, not as a velocity.
+    """Interpret an action as a subgoal and convert it to a velocity command.
 
-    The policy names a distance and a bearing from the robot. The point is drawn back on its ray
-    until the robot, pushed straight to it, would touch nothing that the scan sees, and a
-    closed-form controller drives the arc towards it for one step.
+    The policy selects a distance and a bearing from the robot. The distance is reduced along the
+    ray until a straight translation of the robot to the subgoal is free of contact with the scan,
+    and a closed-form controller follows the arc towards it for one step.
 
-    Towards the policy the action becomes (distance, bearing) in ``[0, max_distance]`` m and
-    ``[-max_bearing, max_bearing]`` rad, which TorchRL's ``ActionScaling`` behind it scales to
-    [-1, 1]; the environment before it gets (v, w).
+    The action of the policy is (distance, bearing) in ``[0, max_distance]`` m and
+    ``[-max_bearing, max_bearing]`` rad, which a following ``ActionScaling`` of TorchRL scales to
+    [-1, 1]; the environment receives (v, w).
 
     Args:
-        max_distance: Farthest subgoal, m.
+        max_distance: Largest distance of a subgoal, m.
         max_bearing: Largest bearing to either side, rad; at most pi.
         horizon: Time in which the controller would reach the subgoal, s. With a horizon of
-            ``max_distance / max_speed`` the farthest subgoal ahead is driven to at full speed.
-        radius: Of the robot, m: kept between the subgoal and any return.
-        max_speed: Of the robot, m/s.
-        max_turn_rate: Of the robot, rad/s.
+            ``max_distance / max_speed`` the robot approaches the farthest subgoal at full speed.
+        radius: Radius of the robot, m; smallest distance between a subgoal and a return.
+        max_speed: Largest forward speed of the robot, m/s.
+        max_turn_rate: Largest turn rate of the robot, rad/s.
         scan_keys: Points ``[*B, N, 2]`` m in the robot frame and returns ``[*B, N]`` bool, at the
             time of the action.
-        action_key: The action, for both sides.
+        action_key: Key of the action, on both sides.
 
     Raises:
         ValueError: If a value is not positive or too large, or later if a key is missing.
 
+    Example:
+        >>> action = SubgoalAction(max_distance=1.0, horizon=2.0, radius=0.178)
+        >>> free = torch.tensor([[[0.0, 3.5]]]), torch.tensor([[False]])
+        >>> action.command(torch.tensor([[1.0, 0.0]]), *free)  # 1 m ahead in 2 s
+        tensor([[0.5000, 0.0000]])
+
     Reference:
         de Heuvel et al., "Subgoal-Driven Navigation in Dynamic Environments Using Attention-Based
-        Deep Reinforcement Learning", 2023; paper Sec. V-C3. There a second network is trained to
-        drive to the subgoals. Here it is an arc in closed form: the comparison is about what an
-        action means, and one network is trained as for all others.
+        Deep Reinforcement Learning", 2023; paper Sec. V-C3. That work trains a second network that
+        drives to the subgoals. This transform uses a closed-form arc, so that the comparison is
+        about the action space and only one network is trained, as for all other policies.
     """
 
     def __init__(
@@ -69,7 +75,7 @@ class SubgoalAction(ActionMap):
             max_turn_rate=max_turn_rate,
         )
         if max_bearing > math.pi:
-            raise ValueError(f"max_bearing must be at most pi (rad), got {max_bearing}")
+            raise ValueError(f"max_bearing={max_bearing}: must be at most pi (rad)")
         self.max_distance, self.max_bearing = max_distance, max_bearing
         self.horizon, self.radius = horizon, radius
         self.max_speed, self.max_turn_rate = max_speed, max_turn_rate
@@ -78,7 +84,7 @@ class SubgoalAction(ActionMap):
         """Return the collision-free subgoal ``[*B, 2]`` (distance m, bearing rad).
 
         Args:
-            action: ``[*B, 2]`` the subgoal that was asked for; limited to its bounds here.
+            action: ``[*B, 2]``, requested subgoal; clamped to its bounds here.
             points: ``[*B, N, 2]`` m, robot frame.
             returns: ``[*B, N]`` bool.
         """
@@ -89,12 +95,12 @@ class SubgoalAction(ActionMap):
         return torch.stack([distance, bearing], dim=-1)
 
     def command(self, action: Tensor, *seen: Tensor) -> Tensor:
-        """Return the command ``[*B, 2]`` that leads to a subgoal; as :meth:`subgoal` otherwise."""
+        """Return the command ``[*B, 2]`` (v, w) towards the subgoal; see :meth:`subgoal`."""
         distance, bearing = self.subgoal(action, *seen).unbind(-1)
         return steer_to(distance, bearing, self.horizon, self.max_speed, self.max_turn_rate)
 
     def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Bound the action as a subgoal, and declare that a step reads the scan."""
+        """Set the bounds of the subgoal as action spec and add the scan keys to the state spec."""
         input_spec = super().transform_input_spec(input_spec)
         command = input_spec["full_action_spec"][self.in_keys_inv[0]]
         high = torch.tensor([self.max_distance, self.max_bearing], device=command.device)

@@ -1,4 +1,4 @@
-"""Temporal accumulation group descriptors, as keys."""
+"""Temporal accumulation group descriptors (TAGD) as TensorDict keys."""
 
 from __future__ import annotations
 
@@ -13,26 +13,37 @@ from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec, re
 
 
 class TAGD(ObservationMap):
-    """Describe the nearest obstacle of each direction at t-1 and t.
+    """Describe the position of the nearest obstacle in each direction at t-1 and t.
 
     Args:
         num_groups: Number of rays N_c.
-        group_radius: Distance threshold d_thresh to the group centre, m. Should exceed what the
-            fastest obstacle moves in one step.
-        max_range: Range d_max at which a ray without return has its group centre, m.
-        empty_now: ``"center"`` or ``"zeros"``, the value of ``c_t`` for an empty group.
-        empty_previous: ``"current"``, ``"center"`` or ``"zeros"``, the value of ``c_{t-1}``.
-        empty_scans: ``"groups"`` or ``"zeros"``, if neither scan has any return.
+        group_radius: Distance threshold d_thresh to the group center, m. It should exceed the
+            displacement of the fastest obstacle in one step.
+        max_range: Range d_max of the group center on a ray without a return, m.
+        empty_now: ``"center"`` or ``"zeros"``, value of ``c_t`` for an empty group.
+        empty_previous: ``"current"``, ``"center"`` or ``"zeros"``, value of ``c_{t-1}`` for an
+            empty group.
+        empty_scans: ``"groups"`` or ``"zeros"``, rule for scans without any return.
         in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t; points of scan
             t-1 *in frame t* ``[*B, M, 2]`` m and their returns ``[*B, M]`` bool.
-        out_keys: Descriptors ``[*B, N_c, 4]`` m, ``(c_{t-1}, c_t)`` in frame t, and which halves
-            are real ``[*B, N_c, 2]`` bool.
+        out_keys: Descriptors ``[*B, N_c, 4]`` m, ``(c_{t-1}, c_t)`` in frame t, and validity of
+            their halves ``[*B, N_c, 2]`` bool.
 
     Raises:
-        ValueError: If an argument is not as above, naming it.
+        ValueError: If an argument is not as above; the message names it.
+
+    Example:
+        >>> import torch
+        >>> now, is_return = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[True]])
+        >>> descriptors, valid = TAGD(num_groups=4)(
+        ...     points=now, returns=is_return,
+        ...     points_aligned=now + torch.tensor([0.1, 0.0]), returns_previous=is_return,
+        ... )
+        >>> descriptors[0, 0], valid[0, 0]
+        (tensor([1.1000, 0.0000, 1.0000, 0.0000]), tensor([True, True]))
 
     Reference:
-        Paper Sec. IV-A, Algorithm 1; the readings are in :func:`navrl.ops.grouping.tagd`.
+        Paper Sec. IV-A, Algorithm 1; see :func:`navrl.ops.grouping.tagd` for the interpretation.
     """
 
     INPUTS = ("points", "returns", "aligned previous points", "previous returns")
@@ -69,7 +80,7 @@ class TAGD(ObservationMap):
     def map_values(
         self, points: Tensor, returns: Tensor, previous_points: Tensor, previous_returns: Tensor
     ) -> Sequence[Tensor]:
-        """Describe; see :func:`navrl.ops.grouping.tagd`."""
+        """Compute the descriptors; see :func:`navrl.ops.grouping.tagd`."""
         return tagd(points, returns, previous_points, previous_returns, *self.settings)
 
     def map_specs(

@@ -1,4 +1,4 @@
-"""What the global path looks like from the robot."""
+"""Waypoints of the global path in the robot frame."""
 
 from __future__ import annotations
 
@@ -26,30 +26,40 @@ from navrl.transforms.observation_map import (
 
 
 class Waypoints(Transform):
-    """Give the next points of the global path in the robot frame.
+    """Compute the next points of the global path in the robot frame.
 
-    The robot's projection on the path is carried from step to step in the TensorDict, and searched
-    only around its last value: where the path crosses itself the waypoints stay on the branch that
-    the robot is on. At a reset the whole path is searched. Past the goal, the goal is repeated.
+    The projection of the robot on the path is passed from step to step in the TensorDict and
+    searched only around its last value, so where the path crosses itself the waypoints stay on the
+    robot's branch. After a reset the whole path is searched. Beyond the end of the path the goal is
+    repeated.
 
     Args:
         num_waypoints: Number of points N_f.
-        spacing: Arc length between them, m.
+        spacing: Arc length between waypoints, m.
         include_closest: Whether the first point is the projection itself, as in the paper's
             formula, instead of one spacing ahead of it.
-        ahead: Arc length after the last projection that is searched for the next, m.
-        behind: Arc length before it that is searched, m; 0 never goes back.
-        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]``, in the same world; far from its origin
-            (UTM coordinates) in float64, which is kept until they are subtracted.
+        ahead: Length of the search window after the last projection, m.
+        behind: Length of the search window before the last projection, m; with 0 progress never
+            decreases.
+        in_keys: Pose ``[*B, 3]`` and path ``[*B, P, 2]`` in the same world frame; float64 for
+            coordinates far from the origin (UTM), which is preserved until they are subtracted.
         out_keys: Waypoints ``[*B, N_f, 2]`` m in the robot frame, and the arc length of the
             projection ``[*B, 1]`` m, which the next step reads.
 
     Raises:
         ValueError: If an argument is not as above, or later if the environment lacks a key.
 
+    Example:
+        >>> path = torch.tensor([[[0.0, 0.0], [4.0, 0.0]]])
+        >>> waypoints, progress = Waypoints(num_waypoints=2, spacing=0.5)(
+        ...     pose=torch.tensor([[1.0, 0.0, 0.0]]), path=path
+        ... )
+        >>> waypoints.tolist(), progress.tolist()
+        ([[[0.5, 0.0], [1.0, 0.0]]], [[1.0]])
+
     Reference:
-        Paper Sec. IV-C, P_t^f. The formula there includes the closest point p^c while the text
-        says "upcoming"; the authors' precursor starts one spacing ahead, which is the default.
+        Paper Sec. IV-C, P_t^f. Its formula includes the closest point p^c, while its text refers to
+        upcoming points; the authors' precursor starts one spacing ahead, which is the default.
     """
 
     def __init__(
@@ -66,13 +76,13 @@ class Waypoints(Transform):
         for argument, names in (("in_keys", "pose, path"), ("out_keys", "waypoints, progress")):
             if len(getattr(self, argument)) != 2:
                 raise ValueError(
-                    f"Waypoints: {argument} must be 2 keys ({names}), "
-                    f"got {getattr(self, argument)}; a nested key is a list of its own"
+                    f"Waypoints: {argument}={getattr(self, argument)}: must be 2 keys ({names}); "
+                    "write a nested key as a list within the list"
                 )
         if num_waypoints < 1:
-            raise ValueError(f"num_waypoints must be at least 1, got {num_waypoints}")
+            raise ValueError(f"num_waypoints={num_waypoints}: must be at least 1")
         if not spacing > 0.0:
-            raise ValueError(f"spacing must be positive (m), got {spacing}")
+            raise ValueError(f"spacing={spacing}: must be positive (m)")
         check_window(ahead, behind)
         self.num_waypoints = num_waypoints
         self.spacing = spacing
@@ -85,7 +95,7 @@ class Waypoints(Transform):
         return self._write(next_tensordict, previous)
 
     def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Start anew: search the whole path."""
+        """Search the whole path, as after a reset."""
         return self._write(tensordict, None)
 
     def _reset(
@@ -95,9 +105,9 @@ class Waypoints(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Map data outside an environment; a stored progress is kept, not searched again.
+        """Map data outside an environment; stored progress is used instead of a new search.
 
-        Without one, data without ``"next"`` is taken for starts of episodes.
+        Data without stored progress and without ``"next"`` is treated as starts of episodes.
 
         Raises:
             ValueError: If the root of a transition lacks its progress.
@@ -134,7 +144,11 @@ class Waypoints(Transform):
         return tensordict.set(self.out_keys[0], points.float())
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Return the environment's specs with those of waypoints and progress added."""
+        """Add the specs of waypoints and progress to those of the environment.
+
+        Raises:
+            ValueError: If the environment lacks a key or its shape is wrong.
+        """
         pose, path = (read_spec(self, observation_spec, key) for key in self.in_keys)
         if pose.shape[-1:] != (3,) or path.shape[-1:] != (2,):
             raise ValueError(
@@ -148,7 +162,7 @@ class Waypoints(Transform):
         return observation_spec
 
     def transform_input_spec(self, input_spec: Composite) -> Composite:
-        """Declare that a step reads the last progress from its caller."""
+        """Add the progress to the state spec, because a step reads it."""
         input_spec = input_spec.clone()
         pose = read_spec(self, self.parent.full_observation_spec, self.in_keys[0])
         input_spec["full_state_spec"][self.out_keys[1]] = real_spec(pose, *pose.shape[:-1], 1)

@@ -110,9 +110,9 @@ def test_what_cannot_be_is_refused_by_name(scans, backend):
     ray = {"num_beams": 8, "max_range": 3.5, "backend": backend}
     with pytest.raises(ValueError, match="half sizes"):
         cast_rays(pose, boxes, **ray)
-    with pytest.raises(ValueError, match="pose must be finite"):
+    with pytest.raises(ValueError, match="pose: must be finite"):
         cast_rays(pose * math.nan, boxes.abs(), **ray)
-    with pytest.raises(ValueError, match="boxes must be"):
+    with pytest.raises(ValueError, match="boxes: must be"):
         cast_rays(pose.expand(2, 3), boxes.abs(), **ray)
     with pytest.raises(ValueError, match="one device"):
         cast_rays(pose, boxes.to("meta"), **ray)

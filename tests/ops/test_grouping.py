@@ -157,8 +157,8 @@ def test_previous_scan_may_have_another_number_of_points():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"points": torch.zeros(5, 3)}, r"points must have shape .*\(5, 3\)"),
-        ({"returns": torch.ones(5)}, "returns must be bool"),
+        ({"points": torch.zeros(5, 3)}, r"points: must have shape .*\(5, 3\)"),
+        ({"returns": torch.ones(5)}, "returns: must be bool"),
         ({"previous_returns": torch.ones(4, dtype=torch.bool)}, "previous_returns"),
         ({"num_groups": 0}, "num_groups"),
         ({"empty_now": "current"}, "empty_now.*'current'"),

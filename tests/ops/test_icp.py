@@ -285,7 +285,7 @@ def test_rotation_search_ignores_blind_sectors(turn_deg, field_of_view_deg):
 def test_bearings_seen_must_fit_the_scan():
     scan = sample_scan_pairs(2, seed=12).source
     scans = (scan.points, scan.returns, scan.points, scan.returns)
-    with pytest.raises(ValueError, match=r"seen must be bool of shape \(2, 180\)"):
+    with pytest.raises(ValueError, match=r"seen: must be bool of shape \(2, 180\)"):
         align(*scans, seen=torch.ones(180, dtype=torch.bool))
 
 
@@ -319,8 +319,8 @@ def test_lines_do_not_reach_across_a_gap():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"source_points": torch.zeros(12, 3)}, r"source_points .*\(12, 3\)"),
-        ({"target_returns": torch.ones(12)}, "target_returns must be bool"),
+        ({"source_points": torch.zeros(12, 3)}, r"source_points: .*\(12, 3\)"),
+        ({"target_returns": torch.ones(12)}, "target_returns: must be bool"),
         ({"source_returns": torch.ones(11, dtype=torch.bool)}, "source_returns"),
         ({"target_points": torch.zeros(2, 12, 2)}, "target_"),
     ],

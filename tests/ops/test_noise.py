@@ -95,11 +95,11 @@ def test_input_is_left_alone():
 def test_bad_input_is_named():
     ranges, seed, step = scans()
     table = noise_table("none", 0.0)
-    with pytest.raises(ValueError, match="seed must be"):
+    with pytest.raises(ValueError, match="seed: must be"):
         add_range_noise(ranges, seed.float(), step, table, 3.5)
-    with pytest.raises(ValueError, match="step must be"):
+    with pytest.raises(ValueError, match="step: must be"):
         add_range_noise(ranges, seed, step[:3], table, 3.5)
-    with pytest.raises(ValueError, match="ranges must be"):
+    with pytest.raises(ValueError, match="ranges: must be"):
         add_range_noise(ranges.double(), seed, step, table, 3.5)
     with pytest.raises(ValueError, match="gaussian, uniform or none"):
         noise_table("normal", 0.1)

@@ -218,7 +218,7 @@ def test_any_batch_shape(batch, backend):
         (lambda path: project_onto_path(path, torch.zeros(5, 2)), "position.*batch"),
         (lambda path: project_onto_path(path, torch.zeros(2), None, 0.0), "ahead.*0.0"),
         (lambda path: project_onto_path(path, torch.zeros(2), None, 1.0, -1.0), "behind.*-1"),
-        (lambda path: point_at(path, torch.zeros(1, 2)), "arc must have shape"),
+        (lambda path: point_at(path, torch.zeros(1, 2)), "arc: must have shape"),
     ],
 )
 def test_bad_input_is_named(call, message):

@@ -51,5 +51,5 @@ def test_what_is_not_finite_falls_into_no_bin():
 
 @pytest.mark.parametrize(("points", "fill"), [((180, 3), (180,)), ((180, 2), (90,)), ((2,), (2,))])
 def test_shapes_are_checked(points, fill):
-    with pytest.raises(ValueError, match=r"points must have shape \[\*B, N, 2\]"):
+    with pytest.raises(ValueError, match=r"points, fill: must have shapes \[\*B, N, 2\]"):
         project_ranges(torch.zeros(points), torch.zeros(fill))

@@ -178,11 +178,11 @@ def test_ranges_do_not_depend_on_the_number_of_threads():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"pose": torch.full((2, 3), torch.nan).double()}, "pose must be finite"),
-        ({"pose": torch.zeros(2, 2).double()}, "pose must be"),
+        ({"pose": torch.full((2, 3), torch.nan).double()}, "pose: must be finite"),
+        ({"pose": torch.zeros(2, 2).double()}, "pose: must be"),
         ({"boxes": torch.full((2, 3, 5), -1.0).double()}, "half sizes"),
-        ({"boxes": torch.zeros(3, 3, 5).double()}, "boxes must be"),
-        ({"boxes": torch.zeros(2, 3, 4).double()}, "boxes must be"),
+        ({"boxes": torch.zeros(3, 3, 5).double()}, "boxes: must be"),
+        ({"boxes": torch.zeros(2, 3, 4).double()}, "boxes: must be"),
         ({"num_boxes": torch.tensor([1, 4])}, "num_boxes"),
         ({"num_boxes": torch.tensor([1, -1])}, "num_boxes"),
         ({"num_boxes": torch.tensor([1.0, 1.0])}, "num_boxes"),

@@ -177,7 +177,7 @@ def test_integer_ranges_give_fractions(backend, dtype):
         ({"num_beams": 1081, "group_size": 23}, None),
         ({"num_beams": 10, "group_size": 3}, r"10 beams, group_size 3; .*num_points"),
         ({"num_beams": 8, "group_size": None}, "group_size=None: must be"),
-        ({"num_beams": 8, "group_size": 4, "num_points": 3}, "num_points=3: group_size=4 makes 2"),
+        ({"num_beams": 8, "group_size": 4, "num_points": 3}, "num_points=3: must be 2 for"),
         ({"num_beams": 8, "group_size": None, "num_points": 0}, "num_points=0: must be at least 1"),
         ({"num_beams": 8, "angle_increment": 0.0}, r"angle_increment=0.0: must be"),
         ({"num_beams": 720, "angle_increment": -0.02}, "angle_increment=-0.02: must be within"),

@@ -216,7 +216,7 @@ def test_pickled_weights_are_not_read(folder, actor):
         ("actor", {"_target_": "navrl.sim.Lidar"}, "TensorDictModule"),
         ("actor", {"_target_": "navrl.networks.make_actor", "unknown": 1}, "unknown"),
         ("actor", {**CONFIG["actor"], "hidden": [10**14]}, "actor"),
-        ("metrics", None, "must hold an object"),
+        ("metrics", None, "must contain an object"),
     ],
 )
 def test_what_cannot_be_an_actor_is_explained(folder, part, node, message):

@@ -396,8 +396,8 @@ def test_a_resumed_simulator_goes_on_bit_for_bit(model):
 def test_bad_commands_are_named():
     sim = placed(scene(), scene())
     for command, message in [
-        (torch.zeros(2, 3), "command must be"),
-        (torch.zeros(3, 2), "command must be"),
+        (torch.zeros(2, 3), "command: must be"),
+        (torch.zeros(3, 2), "command: must be"),
         (torch.full((2, 2), torch.nan), "finite"),
         (torch.full((2, 2), torch.inf), "finite"),
     ]:
@@ -419,7 +419,13 @@ def test_nothing_moves_before_every_world_is_reset():
 
 @pytest.mark.parametrize(
     ("worlds", "message"),
-    [([0, 1], "2 worlds"), ([2], "within"), ([-1], "within"), ([0.0], "int64"), ([[0]], "worlds")],
+    [
+        ([0, 1], "scenarios: must be 2"),
+        ([2], "within"),
+        ([-1], "within"),
+        ([0.0], "int64"),
+        ([[0]], "worlds"),
+    ],
 )
 def test_bad_resets_are_named(worlds, message):
     with pytest.raises(ValueError, match=message):
@@ -429,7 +435,7 @@ def test_bad_resets_are_named(worlds, message):
 def test_bad_scenarios_are_named():
     with pytest.raises(ValueError, match="distinct"):
         simulator(2).reset(torch.tensor([1, 1]), pack(scene(), scene()))
-    with pytest.raises(ValueError, match="3 pedestrians, max_pedestrians is 2"):
+    with pytest.raises(ValueError, match="max_pedestrians=2: must be at least 3"):
         placed(scene(pedestrians=[stander(2, i) for i in range(3)]), max_pedestrians=2)
     for box in [(1, 0, -0.1, 0.1, 0), (1, 0, 0.1, math.nan, 0), (1, math.inf, 0.1, 0.1, 0)]:
         with pytest.raises(ValueError, match="wall 0 of scenario 0"):

@@ -61,7 +61,7 @@ def test_velocity_is_that_of_the_substep_of_contact(simulator):
 
 def test_command_of_a_wrong_size_is_refused():
     sim = make(BatchedSimulator, scene(), Omnidirectional())
-    with pytest.raises(ValueError, match=r"command must be \[1, 3\], got \[1, 2\]"):
+    with pytest.raises(ValueError, match=r"command: must be \[1, 3\], got \[1, 2\]"):
         sim.step(torch.zeros(1, 2))
 
 

@@ -1,5 +1,5 @@
-"""Compiled CPU kernels behind the functions of :mod:`navrl.ops`; nobody else calls them.
+"""Compiled CPU kernels, internal to :mod:`navrl.ops` and the batched simulator.
 
-Each module holds small scalar functions and the loops over worlds made from them. The readable
-torch forms in :mod:`navrl.ops` are their oracle.
+Each module contains small scalar functions and the loops over worlds built from them. The torch
+implementations in :mod:`navrl.ops` are the reference that tests compare them with.
 """

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept: in folders of the user alone, each file with its checksum."""
+"""On-disk cache of compiled kernels in private folders, with a checksum for each file."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ _CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 class KernelFiles:
-    """The files of one kernel, one for each signature, in place of numba's own index and files.
+    """Cache files of one kernel, one per signature; replaces the index and files of Numba.
 
-    A kernel file is code, so a damaged one must not be loaded: it is compiled again and replaced.
-    As a file's name is made from all that its code depends on, processes that compile at the same
-    time cannot exchange the files of two signatures.
+    A kernel file is executed, so a damaged file is not loaded; the kernel is compiled again and the
+    file replaced. The file name is a hash of everything the code depends on, so processes that
+    compile at the same time cannot mix up the files of two signatures.
 
     Args:
-        folder: Of the files.
-        name: What their names begin with.
-        stamp: Of the kernel's source.
+        folder: Folder of the files.
+        name: Prefix of the file names.
+        stamp: Modification stamp of the kernel's source.
     """
 
     def __init__(self, folder: str | Path, name: str, stamp: object) -> None:
@@ -41,7 +41,7 @@ class KernelFiles:
         self._versions = (numba.__version__, stamp)
 
     def load(self, key: object) -> object | None:
-        """Return what was saved under ``key``; ``None`` if there is nothing that can be used."""
+        """Return the data saved under ``key``; ``None`` if there is no usable file."""
         file = self._file(key)
         try:
             content = file.read_bytes()
@@ -57,13 +57,13 @@ class KernelFiles:
         return pickle.loads(code)
 
     def save(self, key: object, data: object) -> None:
-        """Save ``data`` under ``key``; a kernel that cannot be saved still runs."""
+        """Save ``data`` under ``key``; a failure is logged and the kernel runs uncached."""
         code = dumps(data)
         try:
             with replacing(self._file(key)) as stream:
                 stream.write(hashlib.sha256(code).digest() + code)
         except OSError as error:
-            LOG.warning("a compiled kernel is not kept: %s", explain_os_error(error))
+            LOG.warning("a compiled kernel is not saved: %s", explain_os_error(error))
 
     def flush(self) -> None:
         """Remove all files of the kernel."""
@@ -76,21 +76,21 @@ class KernelFiles:
 
 
 def use_checked_files(dispatcher: Callable) -> None:
-    """Let a kernel that numba caches on disk use :class:`KernelFiles`."""
+    """Replace the on-disk cache of a Numba dispatcher by :class:`KernelFiles`."""
     cache = getattr(dispatcher, "_cache", None)
-    if isinstance(cache, Cache):  # numba's simulation of CUDA has none
+    if isinstance(cache, Cache):  # the CUDA simulator of Numba has none
         stamp = cache._impl.locator.get_source_stamp()
         cache._cache_file = KernelFiles(cache.cache_path, cache._impl.filename_base, stamp)
 
 
 @functools.cache
 def cache_directory() -> str:
-    """Return the folder of compiled kernels for exactly these sources, made if need be.
+    """Return the cache folder of the current kernel sources; create it if it is missing.
 
-    Numba notices a change of a kernel's own file, but not of a function that it calls from another
-    file; so the folder's name is a hash of all sources that kernels are made from.
+    Numba detects a change of a kernel's own file, but not of a function that it calls from another
+    file; therefore the folder's name is a hash of all sources below ``navrl/ops``.
 
-    A folder that another user could write to is not used: its files would be run as code.
+    A folder that another user could write to is not used, because its files are executed.
     """
     digest = hashlib.sha256()
     for path in sorted(_OPS.rglob("*.py")):
@@ -108,15 +108,13 @@ def cache_directory() -> str:
 
 
 def _is_usable(chain: list[Path]) -> bool:
-    """Make folders, each in the one before; return whether all are private and can be written."""
+    """Create nested folders; return whether all of them are private and writable."""
     try:
         for folder in chain:
             folder.parent.mkdir(parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
             if not _is_private(folder):
-                LOG.warning(
-                    "%s: can be written by another user; kernels are kept elsewhere", folder
-                )
+                LOG.warning("%s: writable by another user; kernels are cached elsewhere", folder)
                 return False
         with tempfile.TemporaryFile(dir=chain[-1]):
             return True
@@ -125,11 +123,11 @@ def _is_usable(chain: list[Path]) -> bool:
 
 
 def _is_private(folder: Path) -> bool:
-    """Return whether a folder is no link and can be written by this user (or root) alone."""
+    """Return whether a folder is not a link and writable only by this user (or root)."""
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode):
         return False
-    if not hasattr(os, "getuid"):  # Windows: temporary folders are the user's own
+    if not hasattr(os, "getuid"):  # Windows: temporary folders belong to the user
         return True
     others = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     return status.st_uid in (os.getuid(), 0) and not others

@@ -1,4 +1,4 @@
-"""How kernels are compiled, cached on disk and given their threads."""
+"""Decorators that compile kernels, cache them on disk and run them on several threads."""
 
 import functools
 import importlib
@@ -16,24 +16,24 @@ LOG = logging.getLogger(__name__)
 
 
 def scalar(function: Callable) -> Callable:
-    """Compile a small function that kernels call, those for CUDA too: numba compiles it anew."""
+    """Compile a small function for use in kernels; Numba compiles it again for CUDA kernels."""
     return numba.njit(error_model="numpy")(function)
 
 
 def reordering_scalar(function: Callable) -> Callable:
-    """:func:`scalar` whose sums may be taken in any order, as vector instructions take them."""
+    """Compile like :func:`scalar`, but allow reordered sums so that loops can be vectorized."""
     return numba.njit(error_model="numpy", fastmath={"reassoc", "contract"})(function)
 
 
 def kernel(function: Callable) -> Callable:
-    """Compile a loop over rows, at its first call, and cache it on disk.
+    """Compile a loop over rows at its first call and cache it on disk.
 
-    The function's first parameter is ``rows``, the (first, last + 1) that it is to work on; who
-    calls the kernel leaves it out, and all rows of the first argument are shared among threads
+    The first parameter of the function is ``rows``, the range (first, last + 1) to process. Callers
+    omit it: all rows of the first argument are distributed over threads
     (:mod:`navrl.ops.kernels.threads`).
 
-    Arguments are tensors, arrays and numbers; the first one is a tensor or an array. With tensors
-    on a CUDA device the kernel of the same module and name in :mod:`navrl.ops.kernels.cuda` runs.
+    Arguments are tensors, arrays and numbers; the first one is a tensor or an array. For tensors on
+    a CUDA device the kernel of the same module and name in :mod:`navrl.ops.kernels.cuda` runs.
     """
 
     @functools.cache
@@ -52,12 +52,12 @@ def kernel(function: Callable) -> Callable:
 
 
 def runs_on_cuda(argument: object) -> bool:
-    """Return whether a kernel with this argument is one for CUDA."""
+    """Return whether a kernel call with this argument runs on CUDA."""
     return isinstance(argument, Tensor) and argument.is_cuda
 
 
 def as_array(argument: object) -> object:
-    """Return the numpy view of a tensor, everything else as it is."""
+    """Return the NumPy view of a tensor; other values are returned unchanged."""
     return (
         argument.numpy(force=argument.requires_grad) if isinstance(argument, Tensor) else argument
     )
@@ -70,14 +70,14 @@ def _cuda_form(function: Callable) -> Callable:
 
 
 def cached(function: Callable, jit: Callable, form: str) -> Callable:
-    """Compile a kernel by ``jit`` with its code on disk; say so if it is yet to be compiled."""
+    """Compile a kernel with ``jit`` and cache its code; log a warning before a first compile."""
     directory = Path(cache_directory()) / form
     configured, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(directory)
-    try:  # numba reads the directory once, here
+    try:  # Numba reads the directory only when the dispatcher is created
         dispatcher = jit(function)
     finally:
         numba.config.CACHE_DIR = configured
     use_checked_files(dispatcher)
     if not any(directory.rglob(f"*.{function.__name__}-*.nbc")):
-        LOG.warning("compiling %s once, some seconds; kept in %s", function.__name__, directory)
+        LOG.warning("compiling %s once (takes seconds); cached in %s", function.__name__, directory)
     return dispatcher

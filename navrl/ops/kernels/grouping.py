@@ -1,4 +1,4 @@
-"""Group descriptors: :func:`navrl.ops.grouping.tagd`, pair of scans by pair, in float64."""
+"""Group descriptors: float64 kernel of :func:`navrl.ops.grouping.tagd` per pair of scans."""
 
 import functools
 import math
@@ -10,15 +10,15 @@ from torch import Tensor
 from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 
-FAR = 1e9  # m; where points that are no returns are put
+FAR = 1e9  # m; coordinate of points that are no returns
 _TURN = 2.0 * math.pi
 
 
 @scalar
 def write_rows(points, returns, rows):
-    """Write x, y and distance to ``rows`` [3, N], FAR what is no finite return.
+    """Write x, y and distance to ``rows`` [3, N], FAR for points that are no finite returns.
 
-    In two loops, without a branch: the compiler makes vector instructions of both.
+    Two loops without a branch, so that the compiler vectorizes both.
     """
     xs, ys, distances = rows[0], rows[1], rows[2]
     for index in range(returns.shape[0]):
@@ -26,7 +26,7 @@ def write_rows(points, returns, rows):
     for index in range(returns.shape[0]):
         x, y = xs[index], ys[index]
         distance = math.sqrt(x * x + y * y) + (0.0 if returns[index] else math.inf)
-        is_return = distance < math.inf  # nor NaN
+        is_return = distance < math.inf  # also False for NaN
         xs[index] = x if is_return else FAR
         ys[index] = y if is_return else FAR
         distances[index] = distance if is_return else FAR
@@ -34,7 +34,7 @@ def write_rows(points, returns, rows):
 
 @scalar
 def has_return(rows):
-    """Whether any of the points is a return."""
+    """Return whether any of the points is a return."""
     for index in range(rows.shape[1]):  # noqa: SIM110, kernels have no any()
         if rows[2, index] < FAR:
             return True
@@ -43,7 +43,7 @@ def has_return(rows):
 
 @reordering_scalar
 def clipped(x, y, distance, ray_x, ray_y, cos_half_sector, max_range):
-    """Return a point's distance, capped at ``max_range`` and there outside of a ray's sector."""
+    """Return the distance of a point, capped at ``max_range``; ``max_range`` outside the sector."""
     along = x * ray_x + y * ray_y
     is_inside = (along >= cos_half_sector * distance) & (distance < max_range)
     return distance if is_inside else max_range
@@ -51,7 +51,7 @@ def clipped(x, y, distance, ray_x, ray_y, cos_half_sector, max_range):
 
 @scalar
 def nearest_ray(x, y, rays, ray):
-    """Return the ray of the smallest angle to a point, sought from one that may be near it."""
+    """Return the ray with the smallest angle to a point, by local search from ``ray``."""
     along = x * rays[ray, 0] + y * rays[ray, 1]
     while True:
         is_left = rays[ray, 0] * y - rays[ray, 1] * x > 0.0
@@ -66,10 +66,10 @@ def nearest_ray(x, y, rays, ray):
 
 @scalar
 def write_reaches(rows, rays, cosine, max_range, reaches):
-    """Write the distance of the nearest point in each ray's sector, ``max_range`` without one.
+    """Write the distance of the nearest point in the sector of each ray, ``max_range`` if none.
 
-    Points come in the order of a scan, so most are in the sector of the one before. One near a
-    border can be in three: those of the ray nearest to it and of the two beside it.
+    Points are in scan order, so most are in the sector of their predecessor. A point near a border
+    can be in three sectors: those of the nearest ray and of its two neighbors.
     """
     num_rays, ray = rays.shape[0], 0
     border = math.cos(math.acos(cosine) - 2.0 * SECTOR_TOLERANCE_RAD)
@@ -91,7 +91,7 @@ def write_reaches(rows, rays, cosine, max_range, reaches):
 
 @reordering_scalar
 def sum_members(rows, center_x, center_y, radius_squared):
-    """Return how many points lie within the radius, and the sums of their offsets."""
+    """Return the number of points within the radius and the sums of their offsets."""
     x, y = rows[0], rows[1]
     number, sum_x, sum_y = 0.0, 0.0, 0.0
     for index in range(x.shape[0]):
@@ -136,7 +136,7 @@ def tagd_kernel(
 ):  # fmt: skip
     """Write descriptors [S, N_c, 4] and their validity [S, N_c, 2]; ``rays`` is [N_c, 2].
 
-    ``previous_fill`` is 0 for the current centroid, 1 for the group's centre, 2 for zeros.
+    ``previous_fill`` is 0 for the current centroid, 1 for the group center, 2 for zeros.
     """
     num_groups = rays.shape[0]
     cosine = cos_half_sector(num_groups)
@@ -157,7 +157,7 @@ def tagd_kernel(
 
 @functools.lru_cache(maxsize=16)
 def _rays(num_groups: int, device: torch.device) -> Tensor:
-    """Return the rays' directions [N_c, 2]."""
+    """Return the unit vectors of the rays [N_c, 2]."""
     angle = np.arange(num_groups) * (_TURN / num_groups)
     return torch.from_numpy(np.stack((np.cos(angle), np.sin(angle)), axis=-1)).to(device)
 
@@ -174,7 +174,7 @@ def describe_groups(
     empty_previous: str,
     empty_scans: str,
 ) -> tuple[Tensor, Tensor]:
-    """Kernel behind :func:`navrl.ops.grouping.tagd`: scans [S, N, 2] and [S, M, 2] in."""
+    """Run the kernel of :func:`navrl.ops.grouping.tagd` on scans [S, N, 2] and [S, M, 2]."""
     descriptors = points.new_empty(points.shape[0], num_groups, 4)
     valid = points.new_empty(points.shape[0], num_groups, 2, dtype=torch.bool)
     scans = (points, returns, previous_points, previous_returns)

@@ -1,9 +1,9 @@
-"""Scan alignment: :func:`navrl.ops.icp.align` for one pair of scans at a time.
+"""Scan alignment: kernel of :func:`navrl.ops.icp.align` for one pair of scans at a time.
 
-The same algorithm as the torch form, stage by stage; geometry in float64, candidates for nearest
-neighbours in float32 (:mod:`navrl.ops.kernels.nearest`). Loops over points have no branches and
-read one row after the other, so that the compiler makes vector instructions of them: a condition is
-a weight of 0 or 1, and what a pair needs from its partner is gathered first.
+The algorithm is that of the torch implementation, stage by stage, with geometry in float64 and
+nearest-neighbor candidates in float32 (:mod:`navrl.ops.kernels.nearest`). Loops over points have no
+branches and contiguous reads, so that the compiler vectorizes them: conditions are weights of 0 or
+1, and the values of matched points are gathered beforehand.
 """
 
 import math
@@ -23,9 +23,9 @@ _TURN = 2.0 * math.pi
 
 @scalar
 def write_rows(points, returns, rows):
-    """Write x, y and the weight, 1 for a finite return and 0 for none, to ``rows`` [3, N].
+    """Write x, y and the weight (1 for a finite return, else 0) to ``rows`` [3, N].
 
-    In two loops, without a branch: the compiler makes vector instructions of both.
+    Two loops without a branch, so that the compiler vectorizes both.
     """
     xs, ys, weights = rows[0], rows[1], rows[2]
     for index in range(returns.shape[0]):
@@ -40,7 +40,7 @@ def write_rows(points, returns, rows):
 
 @scalar
 def move_points(source, motion, moved, moved_single):
-    """Write the moved points [2, N] in both precisions."""
+    """Write the transformed points [2, N] in float64 and float32."""
     cos, sin = math.cos(motion[2]), math.sin(motion[2])
     from_x, from_y = source[0], source[1]
     to_x, to_y, single_x, single_y = moved[0], moved[1], moved_single[0], moved_single[1]
@@ -57,14 +57,14 @@ def gather(rows, columns, gathered):
     for row in range(rows.shape[0]):
         values, copies = rows[row], gathered[row]
         for index in range(columns.shape[0]):
-            copies[index] = values[np.uint32(columns[index])]  # none counts from the end
+            copies[index] = values[np.uint32(columns[index])]  # unsigned: no negative-index check
 
 
 @reordering_scalar
 def weigh_pairs(returns, squared, gate_squared, weights):
     """Write 1 for each pair within the gate, else 0; return their number and squared sum.
 
-    A point that is no return was not searched, so its ``squared`` may hold anything, NaN too.
+    Points that are no returns were not searched, so their ``squared`` is undefined and may be NaN.
     """
     number, total = 0.0, 0.0
     for index in range(squared.shape[0]):
@@ -77,7 +77,7 @@ def weigh_pairs(returns, squared, gate_squared, weights):
 
 @reordering_scalar
 def rigid_sums(points, partners, weights):
-    """Return the sums over pairs that :func:`rigid_step` is made of."""
+    """Return the sums over pairs that :func:`rigid_step` needs."""
     xs, ys, us, vs = points[0], points[1], partners[0], partners[1]
     ax, ay, bx, by, cross, dot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for index in range(xs.shape[0]):
@@ -93,7 +93,7 @@ def rigid_sums(points, partners, weights):
 
 @reordering_scalar
 def rigid_step(sums, number):
-    """Return the motion that lays points over their partners with least squared error."""
+    """Return the motion that maps points onto their matches with least squared error."""
     ax, ay, bx, by, cross, dot = sums
     share = 1.0 / number
     ax, ay, bx, by = ax * share, ay * share, bx * share, by * share
@@ -104,7 +104,7 @@ def rigid_step(sums, number):
 
 @reordering_scalar
 def line_sums(points, partners, lines, weights, robust_scale):
-    """Return the sums over pairs that :func:`line_step` is made of: matrix, then vector."""
+    """Return the sums over pairs that :func:`line_step` needs: matrix, then vector."""
     xs, ys, us, vs = points[0], points[1], partners[0], partners[1]
     normal_x, normal_y, line_shares = lines[0], lines[1], lines[2]
     sharpness = 1.0 / (robust_scale * robust_scale)
@@ -114,7 +114,7 @@ def line_sums(points, partners, lines, weights, robust_scale):
         x, y, nx, ny = xs[index], ys[index], normal_x[index], normal_y[index]
         dx, dy, is_line = x - us[index], y - vs[index], line_shares[index]
         across, along = dx * nx + dy * ny, dx * ny - dy * nx
-        # without a line the residual is the distance, and all directions weigh alike
+        # without a line the residual is the point-to-point distance, isotropically weighted
         ratio = 1.0 + (across * across + (1.0 - is_line) * along * along) * sharpness
         weight = weights[index] / (ratio * ratio)
         slide = weight * (1.0 - is_line * (1.0 - SLIDE_WEIGHT))
@@ -133,10 +133,10 @@ def line_sums(points, partners, lines, weights, robust_scale):
 
 @reordering_scalar
 def line_step(sums):
-    """Return the Gauss-Newton step for the distances from points to their partners' lines."""
+    """Return the Gauss-Newton step for the distances from points to the lines of their matches."""
     a_xx, a_xy, a_yy, a_xt, a_yt, a_tt, b_x, b_y, b_t = sums
     a_xx, a_yy, a_tt = a_xx + DAMPING, a_yy + DAMPING, a_tt + DAMPING
-    # elimination of a symmetric, positive definite matrix
+    # Gaussian elimination without pivoting: the matrix is symmetric and positive definite
     f_y, f_t = a_xy / a_xx, a_xt / a_xx
     a_yy, a_yt, a_tt = a_yy - f_y * a_xy, a_yt - f_y * a_xt, a_tt - f_t * a_xt
     b_y, b_t = b_y - f_y * b_x, b_t - f_t * b_x
@@ -148,7 +148,7 @@ def line_step(sums):
 
 @scalar
 def compose_step(motion, x, y, yaw):
-    """Let ``motion`` be followed by a step."""
+    """Compose ``motion`` with a step, in place."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     old_x, old_y = motion[0], motion[1]
     motion[0] = cos * old_x - sin * old_y + x
@@ -159,7 +159,7 @@ def compose_step(motion, x, y, yaw):
 
 @scalar
 def is_small(x, y, yaw, limits):
-    """Whether a step is below the tolerances."""
+    """Return whether a step is below the tolerances."""
     return abs(yaw) < limits[2] and x * x + y * y < limits[3] ** 2
 
 
@@ -168,7 +168,7 @@ def iterate(
     motion, source, target, unrolled, lines, is_windowed, use_lines, limits, max_iterations,
     min_pairs,
 ):  # fmt: skip
-    """Step ``motion`` [3] until it converges, fails or runs out of steps.
+    """Iterate ``motion`` [3] until it converges, fails or reaches ``max_iterations``.
 
     Returns:
         (converged, inliers, rmse, iterations) of this stage.
@@ -211,7 +211,7 @@ def align_kernel(
 ):  # fmt: skip
     """Align scan n of ``source`` [S, N, 2] with scan n of ``target`` [S, M, 2].
 
-    ``seen`` [S, N] is read if ``is_partial``; ``limits`` is (gate, robust scale, rotation
+    ``seen`` [S, N] is only read if ``is_partial``; ``limits`` is (gate, robust scale, rotation
     tolerance, translation tolerance, search range).
     """
     num_source, num_target = source.shape[1], target.shape[1]
@@ -252,7 +252,7 @@ def align_scans(
     seen: Tensor | None,
     options: IcpOptions,
 ) -> tuple[Tensor, ...]:
-    """Kernel behind :func:`navrl.ops.icp.align`: scans [S, N, 2] in, an Alignment's parts out."""
+    """Run the kernel of :func:`navrl.ops.icp.align` on scans [S, N, 2]; return Alignment fields."""
     count = source.shape[0]
     motion = source.new_empty(count, 3, dtype=torch.float64)
     rmse = source.new_empty(count, dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""The line through each point of a scan: :func:`navrl.ops.lines.fit_lines` for one scan."""
+"""Line fits: kernel of :func:`navrl.ops.lines.fit_lines` for one scan."""
 
 import math
 
@@ -7,14 +7,14 @@ import numpy as np
 from navrl.ops.kernels.compiler import reordering_scalar, scalar
 from navrl.ops.lines import HALF_WINDOW, MAX_THICKNESS, MIN_POINTS, REACH_M
 
-_FAR = 1e9  # m; where points that are no returns are put
+_FAR = 1e9  # m; coordinate of points that are no returns
 
 
 @reordering_scalar
 def sum_neighbours(x, y, sums):
-    """Write number, means and moments of each point's neighbours, relative to it, to ``sums``.
+    """Write number and second moments of the neighbors of each point, relative to it, to ``sums``.
 
-    ``x`` and ``y`` continue the scan by HALF_WINDOW points on both sides; ``sums`` is [4, N].
+    ``x`` and ``y`` are padded by HALF_WINDOW points on both sides; ``sums`` is [4, N].
     """
     own_x, own_y = x[HALF_WINDOW:], y[HALF_WINDOW:]
     for index in range(sums.shape[1]):
@@ -28,7 +28,7 @@ def sum_neighbours(x, y, sums):
             s_xx += weight * dx * dx
             s_yy += weight * dy * dy
             s_xy += weight * dx * dy
-        share = 1.0 / number  # the point itself is always there
+        share = 1.0 / number  # never a division by zero: the point is its own neighbor
         sums[0, index] = number
         sums[1, index] = s_xx - share * mean_x * mean_x
         sums[2, index] = s_yy - share * mean_y * mean_y
@@ -37,27 +37,28 @@ def sum_neighbours(x, y, sums):
 
 @scalar
 def continue_rows(rows, padded, first, stop):
-    """Write the columns ``first .. stop - 1`` of a scan continued on both sides to ``padded``.
+    """Write the columns ``first .. stop - 1`` of a scan padded circularly to ``padded``.
 
-    ``rows`` [3, M] holds x, y and the weight, 1 for a return and 0 for none; ``padded`` is [2, M +
-    2 HALF_WINDOW].
+    ``rows`` [3, M] holds x, y and the weight (1 for a return, else 0); ``padded`` is
+    [2, M + 2 HALF_WINDOW].
     """
     count = rows.shape[1]
     for column in range(first, stop):
         index = (column - HALF_WINDOW) % count
-        hidden = (1.0 - rows[2, index]) * _FAR * (index + 1)  # apart from one another
+        hidden = (1.0 - rows[2, index]) * _FAR * (index + 1)  # distinct, so never neighbors
         padded[0, column], padded[1, column] = rows[0, index] + hidden, rows[1, index]
 
 
 @scalar
 def write_lines(sums, lines):
-    """Write the normal's x and y, and whether a line fits, to ``lines`` [3, M or more]."""
+    """Write x and y of the normal and whether a line fits to ``lines`` [3, M or more]."""
     for index in range(sums.shape[1]):
         number, s_xx, s_yy, s_xy = sums[0, index], sums[1, index], sums[2, index], sums[3, index]
         half_sum, half_difference = 0.5 * (s_xx + s_yy), 0.5 * (s_xx - s_yy)
         spread = math.sqrt(half_difference * half_difference + s_xy * s_xy)
         is_line = number >= MIN_POINTS and half_sum - spread < MAX_THICKNESS * (half_sum + spread)
-        # half of the angle with half_difference and s_xy over spread as cosine and sine
+        # half-angle formulas; cosine and sine of the full angle are half_difference / spread and
+        # s_xy / spread
         larger = math.sqrt(0.5 * (1.0 + abs(half_difference) / spread))
         smaller = 0.5 * abs(s_xy) / (spread * larger)
         is_along_x = half_difference > 0.0

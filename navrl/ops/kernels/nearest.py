@@ -1,10 +1,10 @@
-"""Nearest neighbours between two scans ordered by bearing: exact, and almost always from a window.
+"""Exact nearest-neighbor search between two scans ordered by bearing, mostly within a window.
 
-Turned by the motion's yaw, point i of one scan has its nearest neighbour among a few points around
-index i of the other. A window of them is searched for all points at once (the compiler turns this
-into vector instructions). Then each result is proved: the target's points outside of the window lie
-beyond the two rays that bound it, so none is nearer than the point's distance to these rays. If
-many points have no proof, the window is widened for all; the few left are searched in full.
+After the rotation by the estimated yaw, the nearest neighbor of point i of one scan is among a few
+points around index i of the other. This window is searched for all points at once in a vectorized
+loop. Then each result is verified: target points outside of the window lie beyond the two rays that
+bound it, so none of them is nearer than the distance of the point to these rays. If many points
+fail this test, the window is widened for all; the remaining points are searched exhaustively.
 """
 
 import math
@@ -13,17 +13,17 @@ import numpy as np
 
 from navrl.ops.kernels.compiler import reordering_scalar, scalar
 
-WINDOW = 17  # points; at 2 deg a point this is +-16 deg around the expected bearing
+WINDOW = 17  # points; with 2 deg per point this is +-16 deg around the expected bearing
 MARGIN = 8  # points by which the window is widened on both sides
-MANY = 6  # points; to search more of them in full takes longer than to widen the window for all
-SMALLEST = 3 * WINDOW  # points of a scan that is searched by windows
-FAR = np.float32(1e9)  # m; where points that are no returns are put
-PROOF = np.float32(0.999)  # keeps a proof in single precision on the safe side
+MANY = 6  # points; beyond this, widening the window is faster than exhaustive searches
+SMALLEST = 3 * WINDOW  # points; smaller scans are searched exhaustively
+FAR = np.float32(1e9)  # m; coordinate of points that are no returns
+PROOF = np.float32(0.999)  # safety factor for the rounding of the test in single precision
 
 
 @scalar
 def is_ordered(points):
-    """Whether the points go around the origin counter-clockwise exactly once, [M, 2]."""
+    """Return whether the points [M, 2] wind around the origin counter-clockwise exactly once."""
     count = points.shape[0]
     turns = 0
     for index in range(count):
@@ -42,7 +42,7 @@ def repeat(rows):
     count = rows.shape[1] // 3
     for row in range(rows.shape[0]):
         values = rows[row]
-        for column in range(count):  # five times faster than an assignment of slices
+        for column in range(count):  # five times faster than slice assignment
             value = values[column]
             values[column + count] = value
             values[column + 2 * count] = value
@@ -50,7 +50,7 @@ def repeat(rows):
 
 @scalar
 def write_directed(points, weights, rows):
-    """Write x, y and unit direction of the target to the first M columns of ``rows`` float32."""
+    """Write x, y and unit vector of the target to the first M columns of ``rows`` float32."""
     for index in range(points.shape[0]):
         x, y = np.float32(points[index, 0]), np.float32(points[index, 1])
         scale = np.float32(1.0) / math.sqrt(x * x + y * y)
@@ -62,24 +62,24 @@ def write_directed(points, weights, rows):
 
 @scalar
 def unroll(points, weights, rows):
-    """Write three rounds of the target to ``rows`` [4, 3 M] float32: x, y and unit direction."""
+    """Write three copies of the target to ``rows`` [4, 3 M] float32: x, y and unit vector."""
     write_directed(points, weights, rows)
     repeat(rows)
 
 
 @scalar
 def first_column(shift, num_target):
-    """Return where the window of point 0 starts in the unrolled target, with room ahead of it."""
+    """Return the start of the window of point 0 in the unrolled target, with a margin before it."""
     room = num_target // 3
     return room + (shift - WINDOW // 2 - room) % num_target
 
 
 def column_search(width):
-    """Make a search of ``width`` columns; the compiler unrolls up to some twenty of them."""
+    """Return a search over ``width`` columns; the compiler unrolls up to about twenty of them."""
 
     @reordering_scalar
     def search_columns(x, y, target_x, target_y, first, squared, match):
-        """Lower the smallest squared distance, and write its column, for points [N] float32.
+        """Update the smallest squared distance and its column for points [N] float32.
 
         Point i is compared with the columns ``first + i .. first + i + width - 1`` of the target.
         """
@@ -105,10 +105,10 @@ search_window, search_margin = column_search(WINDOW), column_search(MARGIN)
 def find_unproved(
     x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unproved
 ):
-    """Flag the points whose window may miss their nearest neighbour; return how many.
+    """Flag the points whose nearest neighbor may be outside of the window; return their number.
 
-    A neighbour beyond the gate is as good as none, so a proof up to the gate is enough; a point
-    that weighs nothing needs none.
+    Neighbors beyond the gate are rejected later, so the test only covers distances up to the gate;
+    points with zero weight are not tested.
     """
     count = x.shape[0]
     low_x, low_y = direction_x[first - 1 :], direction_y[first - 1 :]
@@ -117,7 +117,7 @@ def find_unproved(
     for index in range(count):
         px, py = x[index], y[index]
         reach = px * px + py * py
-        above_low = low_x[index] * py - low_y[index] * px  # distance from the ray's line
+        above_low = low_x[index] * py - low_y[index] * px  # signed distance from the ray's line
         below_high = px * high_y[index] - py * high_x[index]
         is_inside = above_low > 0.0 and below_high > 0.0
         low = above_low * above_low if low_x[index] * px + low_y[index] * py > 0.0 else reach
@@ -134,8 +134,8 @@ def find_unproved(
 def search_all(x, y, target_x, target_y, distances):
     """Return the smallest squared distance from one point, and its column.
 
-    ``distances`` [M] float32 is scratch. As integers, the bits of positive floats have the same
-    order, and the compiler makes vector instructions of the smallest integer only.
+    ``distances`` [M] float32 is scratch. The bits of positive floats, read as integers, have the
+    same order, and the compiler vectorizes only the integer minimum.
     """
     for column in range(distances.shape[0]):
         dx, dy = x - target_x[column], y - target_y[column]
@@ -152,7 +152,7 @@ def search_all(x, y, target_x, target_y, distances):
 
 @scalar
 def search_windows(points, weights, shift, target, gate, squared, match, flags):
-    """Search windows, widened at need; flag the points without proof and return how many."""
+    """Search windows of increasing width; flag the unverified points and return their number."""
     x, y, target_x, target_y = points[0], points[1], target[0], target[1]
     num_target = target.shape[1] // 3
     first, width = first_column(shift, num_target), WINDOW
@@ -163,7 +163,7 @@ def search_windows(points, weights, shift, target, gate, squared, match, flags):
             x, y, weights, target[2], target[3], first, width, gate * gate, squared, flags
         )
         width += 2 * MARGIN
-        if total <= MANY or width > num_target // 2:  # beyond half a turn nothing can be proved
+        if total <= MANY or width > num_target // 2:  # the test only holds within a half circle
             return total
         search_margin(x, y, target_x, target_y, first - MARGIN, squared, match)
         search_margin(x, y, target_x, target_y, first + width - 2 * MARGIN, squared, match)
@@ -172,16 +172,16 @@ def search_windows(points, weights, shift, target, gate, squared, match, flags):
 
 @scalar
 def find_nearest(points, weights, shift, target, is_windowed, gate, squared, match, flags):
-    """Write squared distance and column of each point's nearest neighbour within the gate.
+    """Write squared distance and column of the nearest neighbor of each point within the gate.
 
     Args:
-        points: [2, N] float32 moved source, x and y.
-        weights: [N], zero for what is no return and needs no neighbour.
-        shift: columns by which the target is ahead of the source in index.
+        points: [2, N] float32, x and y of the transformed source.
+        weights: [N], zero for points that are no returns, which are not searched.
+        shift: Index offset from the source to the target.
         target: [4, 3 M] float32, from :func:`unroll`.
-        is_windowed: whether both scans are ordered and of the same length.
-        gate: m; a result beyond it is of no use.
-        squared, match: [N] float32 and int32, written.
+        is_windowed: Whether both scans are ordered and of the same length.
+        gate: Largest distance of a match, m; results beyond it may be inexact.
+        squared, match: [N] float32 and int32, outputs.
         flags: [N] int32, scratch.
     """
     num_target = target.shape[1] // 3

@@ -1,4 +1,4 @@
-"""Projection onto paths and points along them, one path a world."""
+"""Path projection and interpolation: kernels of :mod:`navrl.ops.path`, one path per world."""
 
 import math
 
@@ -10,7 +10,7 @@ _LEAVING_SQUARED = LEAVING_RATIO**2
 
 @scalar
 def project(path, position, previous, ahead, behind):
-    """Return arc length and distance of the projection on a path [P, 2]; see the kernel."""
+    """Return arc length and distance of the projection of a position on a path [P, 2]."""
     px, py = position[0], position[1]
     total = 0.0
     for k in range(path.shape[0] - 1):
@@ -41,7 +41,7 @@ def project(path, position, previous, ahead, behind):
                 share = high / max(length, 1e-9)
                 ex, ey = ox - share * dx, oy - share * dy
                 if ex * ex + ey * ey > _LEAVING_SQUARED * nearest_ahead:
-                    break  # what comes after is another branch
+                    break  # the following segments belong to another branch
         arc += length
         if arc > highest:
             break
@@ -50,7 +50,7 @@ def project(path, position, previous, ahead, behind):
 
 @scalar
 def find_point(path, arc):
-    """Return the point at an arc length along a path [P, 2], its ends beyond them."""
+    """Return the point at an arc length along a path [P, 2], clamped to its ends."""
     last = path.shape[0] - 1
     left = max(float(arc), 0.0)
     for k in range(last):
@@ -65,7 +65,7 @@ def find_point(path, arc):
 
 @kernel
 def project_kernel(rows, progress, distance, path, position, previous, ahead, behind):
-    """Write where each position lies on its path; NaN ``previous`` searches all of it.
+    """Project each position onto its path; NaN ``previous`` searches the whole path.
 
     Arrays: progress, distance, previous [N]; path [N, P, 2]; position [N, 2].
     """

@@ -1,4 +1,4 @@
-"""Where the pedestrians of one world are; arrays as in :mod:`navrl.ops.kernels.worlds`."""
+"""Pedestrian positions of one world; arrays as in :mod:`navrl.ops.kernels.worlds`."""
 
 import math
 
@@ -14,7 +14,7 @@ def distance(dx, dy):
 
 @scalar
 def follow_leg(box, walk, leg, share):
-    """Write where a pedestrian is that has walked ``share`` of its leg."""
+    """Write the box of a pedestrian at the fraction ``share`` of its leg."""
     box[0] = leg[0] + share * (leg[2] - leg[0])
     box[1] = leg[1] + share * (leg[3] - leg[1])
     box[2], box[3], box[4] = walk[2], walk[3], leg[4]
@@ -22,7 +22,7 @@ def follow_leg(box, walk, leg, share):
 
 @scalar
 def follow_route(box, route, arc, walk, time_s):
-    """Write where a pedestrian is at a time: a triangle wave along its route's arc length."""
+    """Write the box of a pedestrian at a time: a triangle wave along its route's arc length."""
     speed = walk[0]
     if math.isnan(speed):
         box[:] = np.nan
@@ -43,16 +43,16 @@ def follow_route(box, route, arc, walk, time_s):
     share = (along - arc[segment]) / span if span > 0.0 else 0.0
     box[0], box[1] = ax + share * dx, ay + share * dy
     box[2], box[3] = walk[2], walk[3]
-    box[4] = 0.0  # who stands faces along x
+    box[4] = 0.0  # a stationary pedestrian faces along x
     if speed > 0.0 and span > 0.0:
         box[4] = math.atan2(dy, dx) if forward else math.atan2(-dy, -dx)
 
 
 @scalar
 def place_pedestrian(k, boxes, route, arc, walk, legs, time_s, share):
-    """Write where pedestrian ``k`` is, ``share`` of a step after its start.
+    """Write the box of pedestrian ``k`` at the fraction ``share`` of a step.
 
-    ``legs`` has no rows where all pedestrians follow their routes.
+    ``legs`` has no rows if all pedestrians follow their routes.
     """
     if legs.shape[0] > 0 and not math.isnan(legs[k, 0]):
         follow_leg(boxes[k], walk[k], legs[k], share)
@@ -62,14 +62,14 @@ def place_pedestrian(k, boxes, route, arc, walk, legs, time_s, share):
 
 @scalar
 def place_pedestrians(boxes, route, arc, walk, legs, time_s, share):
-    """Write where all pedestrians of a world are; see :func:`place_pedestrian`."""
+    """Write the boxes of all pedestrians of a world; see :func:`place_pedestrian`."""
     for k in range(boxes.shape[0]):
         place_pedestrian(k, boxes, route, arc, walk, legs, time_s, share)
 
 
 @scalar
 def list_near_pedestrians(x, y, reach, boxes, walk, legs, duration, near):
-    """Write the indices of pedestrians that may come within ``reach``; return how many."""
+    """Write the indices of pedestrians that may come within ``reach``; return their number."""
     count = 0
     for k in range(boxes.shape[0]):
         cx, cy, hx, hy, turn = boxes[k]

@@ -1,4 +1,4 @@
-"""Min-pooling: :func:`navrl.ops.pooling.min_pool` in one pass over the beams."""
+"""Min-pooling: kernel of :func:`navrl.ops.pooling.min_pool`, one pass over the beams."""
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from navrl.ops.kernels.compiler import kernel, scalar
 
 @scalar
 def cleaned_range(value, limit, max_range):
-    """Return a reading, or ``max_range`` if it is no return: neither NaN nor the far side."""
+    """Return a reading, or ``max_range`` if it is no return (NaN, not positive, or too far)."""
     return value if (value > 0.0) & (value < limit) else max_range
 
 
@@ -34,8 +34,8 @@ def min_pool_kernel(
 ):
     """Pool the beams of each scan [S, beams] into bins, in the dtype of ``ranges``.
 
-    ``directions`` are those of the bins [bins, 2], and after them, if a point is to be drawn along
-    the beam that measured it, those of the beams [beams, 2].
+    ``directions`` holds the unit vectors of the bins [bins, 2], followed, if ``is_per_beam``, by
+    those of the beams [beams, 2].
     """
     num_beams, num_bins = ranges.shape[1], nearest.shape[1]
     size = num_beams // num_bins
@@ -57,7 +57,7 @@ def min_pool_kernel(
 def pool(
     ranges: Tensor, num_bins: int, directions: Tensor, max_range: float, bearing: Bearing
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Kernel behind :func:`navrl.ops.pooling.min_pool`: scans [S, beams] in, bin by bin."""
+    """Run the kernel of :func:`navrl.ops.pooling.min_pool` on scans [S, beams] in bin order."""
     num_scans = ranges.shape[0]
     nearest = ranges.new_empty(num_scans, num_bins)
     points = ranges.new_empty(num_scans, num_bins, 2)

@@ -1,8 +1,8 @@
-"""Ray casting by rasterising box faces into intervals of beams.
+"""Ray casting by rasterizing box faces into intervals of beams.
 
-A convex box shows at most two faces to a scanner outside of it, and each face covers one interval
-of beams. So the work per box is two or three arc tangents and one division per beam that the box
-covers, instead of one slab test per beam and box.
+At most two faces of a box are visible to a scanner outside of it, and each face covers one interval
+of beams. The cost per box is therefore two to four arc tangents and one division per covered beam,
+instead of one slab test per beam and box.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 
 from navrl.ops.kernels.compiler import kernel, scalar
 
-_EDGE = 1e-9  # beams; a beam through the common corner of two boxes must not slip between them
+_EDGE = 1e-9  # beams; widens faces so that no beam passes between two boxes with a common corner
 
 
 @scalar
@@ -45,11 +45,11 @@ def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
 def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box):
     """Write the faces that a box shows to a scanner to ``faces`` [2, 6], see :func:`write_face`.
 
-    The scanner is at (x, y) with the given heading, all world.
+    The scanner is at (x, y) with the given heading, world frame.
 
     Returns:
-        How many there are: none of a box further than ``max_range``, -1 for a box around the
-        scanner, which reads 0 everywhere.
+        The number of faces: 0 for a box farther than ``max_range``, -1 for a box that contains the
+        scanner, which then reads 0 in all beams.
     """
     dx, dy = cx - x, cy - y
     # the scanner in the box frame
@@ -61,7 +61,7 @@ def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, c
         return 0
     if gap_x <= 0.0 and gap_y <= 0.0:
         return -1
-    # the box's centre and half axes in the scanner frame
+    # center and axes of the box in the scanner frame
     px, py = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
     ux, uy = cos_box * cos_yaw + sin_box * sin_yaw, sin_box * cos_yaw - cos_box * sin_yaw
     count = 0

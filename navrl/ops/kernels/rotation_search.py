@@ -1,4 +1,4 @@
-"""The turn between two scans: :func:`navrl.ops.rotation_search.rotation_search` for one pair."""
+"""Rotation search: kernel of :func:`navrl.ops.rotation_search.rotation_search` for one pair."""
 
 import math
 
@@ -10,13 +10,13 @@ from navrl.ops.rotation_search import PROFILE_CAP_M
 
 _CAP = np.float32(PROFILE_CAP_M)
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
-_NOT_SEEN = np.float32(-1.0)  # in a range profile
+_NOT_SEEN = np.float32(-1.0)  # marks uncovered bearings in a range profile
 _TURN = 2.0 * math.pi
 
 
 @scalar
 def write_profile(rows, profile):
-    """Write ranges to ``profile``, in as many rounds as it holds; FAR where nothing was seen."""
+    """Write ranges to ``profile``, repeated to its length; FAR for beams without a return."""
     count = rows.shape[1]
     for index in range(count):
         x, y = rows[0, index], rows[1, index]
@@ -38,7 +38,7 @@ def profile_cost(source, target):
 
 @reordering_scalar
 def profile_cost_seen(source, target):
-    """Return :func:`profile_cost` where each beam has a return in one of the two profiles."""
+    """Return :func:`profile_cost` if each beam has a return in at least one of the profiles."""
     total = _ZERO
     for index in range(source.shape[0]):
         difference = abs(source[index] - target[index])
@@ -48,7 +48,7 @@ def profile_cost_seen(source, target):
 
 @reordering_scalar
 def profile_cost_covered(source, target):
-    """Return :func:`profile_cost` over the beams that were seen in both profiles."""
+    """Return :func:`profile_cost` over the bearings covered in both profiles."""
     total, seen = _ZERO, _ZERO
     for index in range(source.shape[0]):
         covered = _ONE if (source[index] >= _ZERO) & (target[index] >= _ZERO) else _ZERO
@@ -60,7 +60,7 @@ def profile_cost_covered(source, target):
 
 @scalar
 def hide_unseen(seen, profile):
-    """Mark the bearings that the scanner does not cover, in each round of ``profile``."""
+    """Mark the bearings that the scanner does not cover, in each repetition of ``profile``."""
     for column in range(profile.shape[0]):
         if not seen[column % seen.shape[0]]:
             profile[column] = _NOT_SEEN
@@ -68,7 +68,7 @@ def hide_unseen(seen, profile):
 
 @scalar
 def has_no_miss(profile):
-    """Whether all beams have a return."""
+    """Return whether all beams have a return."""
     misses = 0
     for index in range(profile.shape[0]):
         misses += profile[index] >= FAR
@@ -77,7 +77,7 @@ def has_no_miss(profile):
 
 @scalar
 def largest_shift(search_range, count):
-    """Return how many points a scan may be turned by to either side."""
+    """Return the largest shift to either side, in points."""
     return min(int(search_range / _TURN * count), count // 2)
 
 
@@ -103,7 +103,7 @@ def search_rotation(source, target, seen, is_partial, search_range):
         turned = profile[start : start + count]
         if is_partial:
             costs[column] = profile_cost_covered(source_profile, turned)
-        elif all_seen:  # the count of what is seen takes a third of the time
+        elif all_seen:  # skips the count of valid beams, a third of the time
             costs[column] = profile_cost_seen(source_profile, turned)
         else:
             costs[column] = profile_cost(source_profile, turned)
@@ -112,7 +112,7 @@ def search_rotation(source, target, seen, is_partial, search_range):
 
 @scalar
 def best_shift(costs):
-    """Return which of the shifts ``-max .. max`` costs least; the smaller one wins a tie."""
+    """Return the shift in ``-max .. max`` with the lowest cost; a tie selects the smaller one."""
     middle = costs.shape[0] // 2
     best, shift = costs[middle], 0
     for size in range(1, middle + 1):

@@ -1,11 +1,11 @@
-"""Points moved by rigid transforms: one pass over memory where torch makes six."""
+"""Rigid transforms of points in one pass over memory; torch needs six."""
 
 from navrl.ops.kernels.compiler import kernel
 
 
 @kernel
 def transform_points_kernel(rows, points, cos, sin, translation, moved):
-    """Write ``points`` [S, N, 2] turned by [S] and shifted by [S, 2] to ``moved``."""
+    """Write ``points`` [S, N, 2] rotated by [S] and translated by [S, 2] to ``moved``."""
     for n in range(rows[0], rows[1]):
         turn_x, turn_y, x, y = cos[n], sin[n], translation[n, 0], translation[n, 1]
         for index in range(points.shape[1]):

@@ -1,21 +1,21 @@
-"""Shortest drives among walls and people whose future is known: A* in place, heading and time.
+"""Hybrid A* in position, heading and time among walls and pedestrians with known trajectories.
 
-A node is the pose after a whole number of steps. Headings lie on ``bins`` equal angles and places
-are real numbers, so that a drive found is one that the robot can drive exactly; of all nodes that
-fall into the same cell, heading and step only the first is kept (hybrid A*).
+A node is the pose after a whole number of steps. Headings are multiples of ``2 pi / bins`` and
+positions are continuous, so the robot can follow a trajectory exactly; of all nodes with the same
+cell, heading and step only the first is expanded.
 
-Arrays, one row a query (S queries, W walls, K people, A primitives, C cells):
+Arrays, one row per query (S queries, W walls, K pedestrians, A primitives, C cells):
 
 =========== ================ ============================================================
-start       [S, 3]           x, y, yaw; headings are counted from this yaw
-goal        [S, 2]           the end is anywhere within ``goal_radius`` of it
-walls       [S, W, 6]        cx, cy, hx, hy, cos, sin; the first num_walls[s] rows count
-people      [S, T+1, K, 6]   the same of people at each substep; NaN where absent
+start       [S, 3]           x, y, yaw; headings are relative to this yaw
+goal        [S, 2]           reached within ``goal_radius``
+walls       [S, W, 6]        cx, cy, hx, hy, cos, sin; the first num_walls[s] rows are valid
+people      [S, T+1, K, 6]   the same for pedestrians at each substep; NaN where absent
 origin      [S, 2]           corner of the two maps
-clearance   [S, CX, CY]      m from a cell's centre to the nearest wall; 0 outside
-steps_to_go [S, CX, CY]      steps from a cell to the goal without people; inf if cut off
-primitives  [A, 2]           v and turned heading bins of a step
-offsets     [A, U, 2]        where a primitive leads by each of its U substeps, heading 0
+clearance   [S, CX, CY]      m from the center of a cell to the nearest wall; 0 outside
+steps_to_go [S, CX, CY]      steps to the goal without pedestrians; inf if unreachable
+primitives  [A, 2]           v and change of heading, in bins, of a step
+offsets     [A, U, 2]        displacement after each of the U substeps, heading 0
 =========== ================ ============================================================
 """
 
@@ -27,16 +27,16 @@ import numpy as np
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.worlds import box_distance
 
-FOUND, EXHAUSTED, GAVE_UP = range(3)  # codes of a search's end
+FOUND, EXHAUSTED, GAVE_UP = range(3)  # result codes of a search
 
 
 @scalar
 def is_free(x, y, reach, cell, origin, clearance, walls, num_walls, people):
-    """Whether a disc of radius ``reach`` touches neither a wall nor one of ``people``."""
+    """Return whether a disc of radius ``reach`` touches no wall and none of ``people``."""
     i, j = int((x - origin[0]) // cell), int((y - origin[1]) // cell)
     if i < 0 or j < 0 or i >= clearance.shape[0] or j >= clearance.shape[1]:
         return False
-    slack = 0.7072 * cell  # nothing in a cell is farther from its centre
+    slack = 0.7072 * cell  # largest distance of a point in a cell from its center
     if clearance[i, j] + slack <= reach:
         return False
     if clearance[i, j] - slack <= reach:
@@ -66,7 +66,7 @@ def search(
     start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
     primitives, offsets, bins, reach, goal_radius, cell, greed, max_steps, max_nodes, plan,
 ):  # fmt: skip
-    """Write the primitives of a drive into ``plan`` [max_steps]; return (code, steps, nodes)."""
+    """Write the primitives of a trajectory to ``plan`` [max_steps]; return (code, steps, nodes)."""
     substeps = offsets.shape[1]
     seen = np.zeros((max_steps + 1, *clearance.shape, bins), np.bool_)
     cos = np.cos(start[2] + np.arange(bins) * (2.0 * math.pi / bins))
@@ -99,7 +99,7 @@ def search(
             turned = (heading + int(primitives[primitive, 1])) % bins
             left = steps_to_go[i, j]
             if step + 1 + left > max_steps + 4.0 or seen[step + 1, i, j, turned]:
-                continue  # 4 steps: the map's octile lengths are up to 8 % too long
+                continue  # 4 steps of slack: octile path lengths are up to 8 % too long
             free = True
             for sub in range(substeps):
                 along, across = offsets[primitive, sub]
@@ -131,7 +131,7 @@ def plan_kernel(
     rows, start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
     primitives, offsets, bins, reach, goal_radius, cell, greed, max_nodes, plan, code, steps, nodes,
 ):  # fmt: skip
-    """Search every query; fills plan [S, T], code, steps and nodes [S]."""
+    """Solve every query; write plan [S, T], code, steps and nodes [S]."""
     for s in range(rows[0], rows[1]):
         code[s], steps[s], nodes[s] = search(
             start[s], goal[s], walls[s], num_walls[s], people[s], origin[s], clearance[s],

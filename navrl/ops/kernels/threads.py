@@ -1,8 +1,8 @@
-"""Rows of a kernel shared among threads: the kernel lets go of Python's lock while it runs.
+"""Thread pool that distributes the rows of a kernel; kernels release the GIL while they run.
 
-Numba's own parallel loops were tried first: on two threads a scan took each of them twice as long
-as the plain loop takes one, and their pools either die in a fork or abort the process when two
-Python threads launch at once.
+Numba's parallel loops are not used: with two threads a scan took twice as long as the serial loop,
+and their thread pools either do not survive a fork or abort the process when two Python threads
+launch kernels at the same time.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from collections.abc import Callable, Iterator
 
 import torch
 
-MIN_ROWS = 8  # of a thread: to hand over fewer takes longer than to work on them
-CHUNKS = 8  # a thread: who has the easier rows, or the idler core, takes more of them
+MIN_ROWS = 8  # rows per thread; the hand-over of fewer takes longer than their computation
+CHUNKS = 8  # chunks per thread, for load balancing between rows and cores of different speed
 
-_alone: int | None = None  # threads of the kernels while torch has one
+_alone: int | None = None  # number of kernel threads while torch is limited to one
 
 
 def run_rows(work: Callable, num_rows: int, arguments: tuple) -> None:
-    """Call ``work((start, stop), *arguments)`` for all rows, on as many threads as torch has.
+    """Call ``work((start, stop), *arguments)`` for all rows, on as many threads as torch uses.
 
-    A row's result depends on nothing but its own arguments, so the number of threads
-    (``torch.set_num_threads``, ``OMP_NUM_THREADS``) changes none. One thread runs in place, and so
-    does a call beside another one that is using the threads.
+    The result of a row depends only on its own arguments, so the number of threads
+    (``torch.set_num_threads``, ``OMP_NUM_THREADS``) does not change it. The call runs in the
+    calling thread if only one thread is available or another call is using the pool.
 
     Raises:
-        Exception: What ``work`` raised, after all threads have ended.
+        Exception: If ``work`` raised it; raised again after all threads have ended.
     """
     num_threads = min(_alone or torch.get_num_threads(), num_rows // MIN_ROWS)
     if num_threads <= 1 or not _POOL.lock.acquire(blocking=False):
@@ -38,7 +38,7 @@ def run_rows(work: Callable, num_rows: int, arguments: tuple) -> None:
     starts = iter(range(0, num_rows, size))
 
     def take_chunks() -> None:
-        for start in starts:  # one at a time: Python's lock is held
+        for start in starts:  # the iterator is safe: the GIL is held here
             work((start, min(start + size, num_rows)), *arguments)
 
     try:
@@ -49,11 +49,11 @@ def run_rows(work: Callable, num_rows: int, arguments: tuple) -> None:
 
 @contextlib.contextmanager
 def torch_on_one_thread() -> Iterator[None]:
-    """Leave torch's threads to the kernels: for code of many kernels and small tensor operations.
+    """Limit torch to one thread while kernels use all: for many kernels and small tensors.
 
-    After an operation on several threads OpenMP's own keep their cores busy for a while, waiting
-    for the next one; a kernel that comes in between has to share them. Stepping a thousand worlds
-    on two cores is slower with them than on one.
+    After a parallel operation the OpenMP threads spin for a while and wait for the next one, and a
+    kernel that starts in between competes with them. Without this limit, stepping a thousand worlds
+    is slower on two cores than on one.
     """
     global _alone
     if _alone is not None or torch.get_num_threads() == 1:
@@ -69,7 +69,7 @@ def torch_on_one_thread() -> Iterator[None]:
 
 
 class _Worker(threading.Thread):
-    """A thread that waits for work; locks hand it over in a tenth of a future's time."""
+    """Worker thread; locks hand over work in a tenth of the time of a future."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True, name="navrl-kernel")
@@ -101,7 +101,7 @@ class _Worker(threading.Thread):
 
 
 class _Pool:
-    """Workers, made when first needed; a forked child inherits none and makes its own."""
+    """Pool of worker threads, created on demand; a forked child creates its own."""
 
     def __init__(self) -> None:
         self._renew()
@@ -113,7 +113,7 @@ class _Pool:
         self._workers: list[_Worker] = []
 
     def run(self, work: Callable, num_threads: int) -> None:
-        """Call ``work`` in this thread and in others, and wait for all."""
+        """Call ``work`` in this thread and in ``num_threads - 1`` workers, and wait for all."""
         while len(self._workers) < num_threads - 1:
             self._workers.append(_Worker())
         workers = self._workers[: num_threads - 1]

@@ -1,22 +1,22 @@
-"""Thousands of small worlds: one step of all of them, and one scan of all of them.
+"""Batched simulation kernels: step all worlds and scan all worlds.
 
-Arrays, one row a world (N worlds, W walls, K pedestrians, R route points):
+Arrays, one row per world (N worlds, W walls, K pedestrians, R route points):
 
 ========== =========== =============================================================
 pose       [N, 3]      x, y, yaw of the robot
-velocity   [N, 2]      v, w driven in the last substep
+velocity   [N, 2]      v, w in the last substep
 tick       [N]         substeps since the reset
-contact    [N]         code of :mod:`navrl.ops.contact`; a world with one stands still
-walls      [N, W, 6]   cx, cy, hx, hy, cos, sin; the first num_walls[n] rows count
-route      [N, K, R, 2] polyline each pedestrian walks back and forth
-route_arc  [N, K, R]   arc length at its points, padded with the total
-walk       [N, K, 4]   speed, starting arc position, hx, hy; NaN speed where absent
-legs       [N, K, 5]   x, y at the step's start and end, yaw; NaN rows follow their route,
-                       as all do where it is [N, 0, 5]
-boxes      [N, K, 5]   where the pedestrians are now; NaN rows where absent
-late       [N, 2]      command that holds until the new one takes effect
+contact    [N]         code of :mod:`navrl.ops.contact`; a world in contact is stationary
+walls      [N, W, 6]   cx, cy, hx, hy, cos, sin; the first num_walls[n] rows are valid
+route      [N, K, R, 2] polyline on which each pedestrian walks back and forth
+route_arc  [N, K, R]   arc length at its points, padded with the total length
+walk       [N, K, 4]   speed, initial arc length, hx, hy; NaN speed where absent
+legs       [N, K, 5]   x, y at the start and end of the step, yaw; NaN rows follow their
+                       route, as do all pedestrians if the shape is [N, 0, 5]
+boxes      [N, K, 5]   current boxes of the pedestrians; NaN rows where absent
+late       [N, 2]      previous command, applied until the new one takes effect
 track      [N, S, 5]   x, y, yaw, direction and speed of travel after each substep, or unused
-seen_pose, seen_boxes  pose and boxes at the time of the next scan, where it is older than now
+seen_pose, seen_boxes  pose and boxes at the time of the next scan, if it is delayed
 ========== =========== =============================================================
 """
 
@@ -41,12 +41,12 @@ approach_velocity = scalar(unicycle.approach_velocity)
 nearest_point_on_box = scalar(contacts.nearest_point_on_box)
 blame = scalar(contacts.blame)
 
-_SLACK = 1e-6  # m, so that rounding never culls a box that is touched
+_SLACK = 1e-6  # m; margin so that rounding never culls a box in contact
 
 
 @scalar
 def see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index):
-    """Note where everything is, ``index`` substeps after a step's start, for an older scan."""
+    """Save pose and boxes ``index`` substeps after the start of a step, for a delayed scan."""
     seen_pose[0], seen_pose[1], seen_pose[2] = x, y, yaw
     time_s = (first_tick + index) * timing[0]
     place_pedestrians(seen_boxes, route, arc, walk, legs, time_s, index / timing[1])
@@ -54,14 +54,14 @@ def see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_
 
 @scalar
 def box_distance(x, y, cx, cy, hx, hy, cos, sin):
-    """Return the distance of a point from a box, zero inside."""
+    """Return the distance from a point to a box, zero inside."""
     px, py = nearest_point_on_box(x, y, cx, cy, hx, hy, cos, sin)
     return distance(px - x, py - y)
 
 
 @scalar
 def touched_wall(x, y, radius, walls, near, num_near):
-    """Whether the disc reaches one of the walls listed in ``near``."""
+    """Return whether the disc touches one of the walls listed in ``near``."""
     for index in range(num_near):
         cx, cy, hx, hy, cos, sin = walls[near[index]]
         if box_distance(x, y, cx, cy, hx, hy, cos, sin) <= radius:
@@ -88,7 +88,7 @@ def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
 
 @scalar
 def list_near_walls(x, y, reach, walls, num_walls, near):
-    """Write the indices of walls within ``reach`` of (x, y) to ``near``; return how many."""
+    """Write the indices of walls within ``reach`` of (x, y) to ``near``; return their number."""
     count = 0
     for wall in range(num_walls):
         cx, cy, hx, hy, cos, sin = walls[wall]
@@ -100,7 +100,7 @@ def list_near_walls(x, y, reach, walls, num_walls, near):
 
 @scalar
 def farthest(track):
-    """Return the largest distance of a track's points from its first one, m."""
+    """Return the largest distance of the points of a track from its first point, m."""
     most = 0.0
     for index in range(1, track.shape[0]):
         most = max(most, distance(track[index, 0] - track[0, 0], track[index, 1] - track[0, 1]))
@@ -109,7 +109,7 @@ def farthest(track):
 
 @scalar
 def reach_of(pose, velocity, late, command, track, drive, timing):
-    """Return how far the hull's edge may get from the pose within a step, m."""
+    """Return an upper bound of the distance of the hull from the pose within a step, m."""
     radius, is_tracked, _, _, slowest, fastest, _ = drive
     if is_tracked:
         first = distance(track[0, 0] - pose[0], track[0, 1] - pose[1])
@@ -127,7 +127,7 @@ def limited(value, low, high):
 
 @scalar
 def drive_substep(x, y, yaw, v, w, index, late, command, drive, timing):
-    """Return pose and velocity after substep ``index`` of a step by a differential drive."""
+    """Return pose and velocity of a differential drive after substep ``index`` of a step."""
     _, _, separation, acceleration, slowest, fastest, turn_limit = drive
     duration, _, first_v, first_w, _ = timing
     v_wanted = limited(command[0] if index >= first_v else late[0], slowest, fastest)
@@ -145,11 +145,11 @@ def step_world(
     pose, velocity, tick, late, command, track, drive, timing, walls, num_walls,
     route, arc, walk, legs, boxes, near, seen_pose, seen_boxes,
 ):  # fmt: skip
-    """Advance one world to its next step or first contact; return (tick, contact).
+    """Advance one world by a step or to its first contact; return (tick, contact).
 
     ``drive`` is (radius, whether ``track`` holds the motion, wheel separation, wheel acceleration,
-    min v, max v, max w) and ``timing`` (substep duration, substeps, first substep of the new v, of
-    the new w, substep before which the lidar scans).
+    min v, max v, max w); ``timing`` is (substep duration, number of substeps, first substep of the
+    new v, first substep of the new w, substep before which the lidar scans).
     """
     (radius, is_tracked, _, _, _, _, _), (duration, substeps, _, _, scanned) = drive, timing
     x, y, yaw = pose
@@ -186,7 +186,7 @@ def step_world(
         if result != NONE:
             driven = index + 1
             break
-    if driven <= scanned < substeps:  # a contact came first
+    if driven <= scanned < substeps:  # the contact ended the step before the scan
         see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, driven)
     place_pedestrians(boxes, route, arc, walk, legs, tick * duration, driven / substeps)
     pose[0], pose[1], pose[2] = x, y, yaw

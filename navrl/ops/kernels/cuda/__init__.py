@@ -1,5 +1,5 @@
-"""The kernels of :mod:`navrl.ops.kernels` for one CUDA device, module by module, name by name.
+"""CUDA counterparts of :mod:`navrl.ops.kernels` for one device, with the same module names.
 
-The geometry is not written again: the same scalar functions are compiled for the device. What is
-here is the other way to share out the work, a thread or a block of threads for each world.
+The geometry is shared: the same scalar functions are compiled for the device. These modules only
+distribute the work, with one thread or one block of threads per world.
 """

@@ -1,15 +1,15 @@
-"""What the threads of one block do together: sharing out columns and adding up."""
+"""Cooperation of the threads of one block: column ranges and reductions."""
 
 import torch
 from numba import cuda
 from torch import Tensor
 
-BLOCKS_PER_PROCESSOR = 8  # so many scratch rows are enough to keep a multiprocessor busy
+BLOCKS_PER_PROCESSOR = 8  # enough concurrent blocks to keep a multiprocessor busy
 
 
 @cuda.jit(device=True)
 def own_columns(count):
-    """Return first and end of the columns, next to each other, that are this thread's own."""
+    """Return the contiguous range (first, stop) of columns of this thread."""
     share = (count + cuda.blockDim.x - 1) // cuda.blockDim.x
     first = min(cuda.threadIdx.x * share, count)
     return first, min(first + share, count)
@@ -17,7 +17,7 @@ def own_columns(count):
 
 @cuda.jit(device=True)
 def repeat_columns(rows, count, first, stop):
-    """Copy the columns ``first .. stop - 1`` of ``count`` to a second and a third round."""
+    """Copy the columns ``first .. stop - 1`` of ``count`` to a second and a third copy."""
     for row in range(rows.shape[0]):
         for column in range(first, stop):
             rows[row, column + count] = rows[row, column]
@@ -26,9 +26,9 @@ def repeat_columns(rows, count, first, stop):
 
 @cuda.jit(device=True)
 def add_up(partials):
-    """Add up the rows of ``partials`` [threads, sums], each thread's own, into the first.
+    """Sum the rows of ``partials`` [threads, sums], one per thread, into the first row.
 
-    Always in the same order, so that a result is the same each time.
+    The order of additions is fixed, so that results are reproducible.
     """
     lane, width = cuda.threadIdx.x, cuda.blockDim.x
     cuda.syncthreads()
@@ -42,7 +42,7 @@ def add_up(partials):
 
 
 def num_blocks(rows: Tensor) -> int:
-    """Return how many blocks are to take the rows by turns, each with scratch memory of its own."""
+    """Return the number of blocks that iterate over the rows, each with its own scratch memory."""
     if not rows.is_cuda:  # the simulator
         return min(len(rows), 2)
     processors = torch.cuda.get_device_properties(rows.device).multi_processor_count

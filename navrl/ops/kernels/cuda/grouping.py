@@ -1,4 +1,4 @@
-"""Group descriptors, one block of threads a pair of scans, some groups a thread, in float64."""
+"""Group descriptors in float64: one block per pair of scans, several groups per thread."""
 
 from numba import cuda, int32
 from torch import Tensor
@@ -11,7 +11,7 @@ THREADS = 32
 
 
 def tagd_kernel(points: Tensor, returns: Tensor, previous_points: Tensor, *others: object) -> None:
-    """Write descriptors [S, N_c, 4] and their validity [S, N_c, 2]; see the CPU's kernel."""
+    """Write descriptors [S, N_c, 4] and their validity [S, N_c, 2]; see the CPU kernel."""
     blocks, width = num_blocks(points), max(points.shape[1], previous_points.shape[1])
     scratch = points.new_empty(blocks, 2, 3, width, dtype=others[1].dtype)
     describe_kernel(scratch, points, returns, previous_points, *others)
@@ -22,7 +22,7 @@ def describe_kernel(
     scratch, points, returns, previous_points, previous_returns, rays, radius, max_range,
     now_is_center, previous_fill, zero_without_returns, descriptors, valid,
 ):  # fmt: skip
-    """Take the pairs of scans by turns; ``scratch`` is [blocks, 2, 3, N or M]."""
+    """Iterate over pairs of scans with a grid stride; ``scratch`` is [blocks, 2, 3, N or M]."""
     block, num_groups, cosine = cuda.blockIdx.x, rays.shape[0], cos_half_sector(rays.shape[0])
     num_now, num_before = points.shape[1], previous_points.shape[1]
     now, before = scratch[block, 0, :, :num_now], scratch[block, 1, :, :num_before]

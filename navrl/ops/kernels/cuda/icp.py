@@ -1,7 +1,7 @@
-"""Scan alignment, one block of threads a pair of scans, some neighbouring points a thread.
+"""Scan alignment: one block per pair of scans, a contiguous range of points per thread.
 
-Every thread takes the CPU's functions to the columns that are its own, the sums of all threads are
-added up in a fixed order, and each thread then makes the same step from them.
+Every thread applies the scalar functions of the CPU kernel to its own columns, the sums of all
+threads are reduced in a fixed order, and each thread computes the same step from the result.
 """
 
 import math
@@ -45,14 +45,14 @@ from navrl.ops.kernels.rotation_search import (
 from navrl.ops.lines import HALF_WINDOW
 
 THREADS = 128
-NUM_SUMS = 11  # pairs, their squared distances, and nine of a step
+NUM_SUMS = 11  # number of pairs, sum of squared distances, and nine sums of a step
 
 _TURN = 2.0 * math.pi
 _REAL_ROWS, _SINGLE_ROWS, _WHOLE_ROWS = 23, 10, 2
 
 
 def align_kernel(source: Tensor, source_returns: Tensor, target: Tensor, *others: object) -> None:
-    """Align scan n of ``source`` [S, N, 2] with scan n of ``target``; see the CPU's kernel."""
+    """Align scan n of ``source`` [S, N, 2] with scan n of ``target``; see the CPU kernel."""
     num_source, num_target = source.shape[1], target.shape[1]
     width = max(num_source, 3 * num_target, num_target + 2 * HALF_WINDOW)
     kinds = ((_REAL_ROWS, torch.float64), (_SINGLE_ROWS, torch.float32), (_WHOLE_ROWS, torch.int32))
@@ -63,7 +63,7 @@ def align_kernel(source: Tensor, source_returns: Tensor, target: Tensor, *others
 
 @cuda.jit(device=True)
 def search_own_shift(source, target, seen, is_partial, search_range, profiles, own):
-    """The CPU's ``search_rotation``; ``profiles`` is scratch [3, 3 M]."""
+    """Run ``search_rotation`` of the CPU kernel in one block; ``profiles`` is scratch [3, 3 M]."""
     count = source.shape[1]
     first, stop = own
     source_profile, profile, costs = profiles[0, :count], profiles[1], profiles[2]
@@ -100,7 +100,7 @@ def search_all(x, y, target_x, target_y, num_target):
 
 @cuda.jit(device=True)
 def find_own_nearest(points, weights, first, shift, target, is_windowed, gate, squared, whole):
-    """:func:`navrl.ops.kernels.nearest.find_nearest` for the points from column ``first`` on."""
+    """Run ``find_nearest`` of the CPU kernel for the points from column ``first`` on."""
     num_target = target.shape[1] // 3
     x, y, match, flags = points[0], points[1], whole[0], whole[1]
     flags[:] = 1
@@ -124,10 +124,10 @@ def iterate(
     motion, source, target, unrolled, lines, is_windowed, use_lines, limits, max_iterations,
     min_pairs, reals, singles, whole, partials, own,
 ):  # fmt: skip
-    """:func:`navrl.ops.kernels.icp.iterate`, the arrays holding this thread's own columns only.
+    """Run ``iterate`` of the CPU kernel on arrays that hold only the columns of this thread.
 
-    All columns are in ``target``, ``unrolled`` and ``lines``; ``own`` is the first of the own ones
-    and the number of points of all threads.
+    ``target``, ``unrolled`` and ``lines`` hold all columns; ``own`` is the first column of this
+    thread and the number of points of all threads.
     """
     gate, robust_scale = limits[0], limits[1]
     moved, partners, partner_lines, weights = reals[0:2], reals[2:4], reals[4:7], reals[7]
@@ -140,7 +140,7 @@ def iterate(
         find_own_nearest(
             moved_single, source[2], own[0], shift, unrolled, is_windowed, gate, squared, whole
         )
-        cuda.syncthreads()  # nobody still reads the totals
+        cuda.syncthreads()  # all threads must have read the previous totals
         sums[0], sums[1] = weigh_pairs(source[2], squared, gate * gate, weights)
         gather(target, whole[0], partners)
         if use_lines:
@@ -170,7 +170,7 @@ def iterate(
 
 @cuda.jit(device=True)
 def prepare(source, source_returns, target, target_returns, source_rows, target_rows, unrolled):
-    """Write both scans as rows, of the target three rounds."""
+    """Write both scans as rows, with three copies of the target."""
     first, stop = own_columns(source.shape[0])
     write_rows(source[first:stop], source_returns[first:stop], source_rows[:, first:stop])
     count = target.shape[0]
@@ -184,7 +184,7 @@ def prepare(source, source_returns, target, target_returns, source_rows, target_
 
 @cuda.jit(device=True)
 def fit_own_lines(rows, padded, sums, lines):
-    """:func:`navrl.ops.kernels.lines.fit_lines` with three rounds of the lines."""
+    """Run ``fit_lines`` of the CPU kernel in one block and write three copies of the lines."""
     count = rows.shape[1]
     first, stop = own_columns(count + 2 * HALF_WINDOW)
     continue_rows(rows, padded, first, stop)
@@ -203,7 +203,7 @@ def align_scans_kernel(
     use_search, use_lines, limits, max_iterations, min_pairs, motion, converged, inliers, rmse,
     iterations,
 ):  # fmt: skip
-    """Take the pairs of scans by turns; the first three are scratch, [blocks, rows, columns]."""
+    """Iterate over pairs of scans; the first three arrays are scratch [blocks, rows, columns]."""
     block, num_source, num_target = cuda.blockIdx.x, source.shape[1], target.shape[1]
     partials = cuda.shared.array((THREADS, NUM_SUMS), float64)
     guess = cuda.local.array(3, float64)

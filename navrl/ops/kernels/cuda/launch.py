@@ -1,4 +1,4 @@
-"""How CUDA kernels are compiled, cached on disk and launched."""
+"""Compilation, on-disk caching and launch of CUDA kernels."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from torch import Tensor
 
 from navrl.ops.kernels.compiler import as_array, cached
 
-numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few worlds are what evaluation plays in
+numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # evaluation runs few worlds, so occupancy is low
 
-ROW_THREADS = 32  # of a block whose threads have a row each: small, so that all processors get some
+ROW_THREADS = 32  # threads per block with one row per thread; small to use all multiprocessors
 
 
 class CudaKernel:
-    """What one CUDA thread does, to be launched with a thread or a block for each row.
+    """CUDA kernel launched with one thread or one block per row of its first argument.
 
-    A row is one of the first argument's. A launch is queued on torch's current stream, between
-    torch's own operations: nothing waits for it.
+    A launch is queued on the current stream of torch, in order with torch's operations, without
+    synchronization with the host.
 
     Args:
-        function: Of the thread; its arguments are tensors on the device and numbers.
-        threads: Of a block.
-        has_block_per_row: Whether each row has a block of threads, or one thread.
+        function: Body of a thread; its arguments are tensors on the device and numbers.
+        threads: Number of threads per block.
+        has_block_per_row: Whether each row is processed by a block instead of a single thread.
     """
 
     def __init__(self, function: Callable, threads: int, has_block_per_row: bool) -> None:
@@ -48,17 +48,17 @@ class CudaKernel:
 
 
 def thread_per_row(function: Callable) -> CudaKernel:
-    """Make a kernel of which each thread takes the row ``cuda.grid(1)``, if there is one."""
+    """Return a kernel whose threads each process the row ``cuda.grid(1)``, if it exists."""
     return CudaKernel(function, ROW_THREADS, has_block_per_row=False)
 
 
 def block_per_row(threads: int) -> Callable[[Callable], CudaKernel]:
-    """Make a kernel of which each block takes the row ``cuda.blockIdx.x``."""
+    """Return a kernel whose blocks each process the row ``cuda.blockIdx.x``."""
     return functools.partial(CudaKernel, threads=threads, has_block_per_row=True)
 
 
 def _stream(argument: object) -> object:
-    """Return torch's current stream; 0 is the default one, and the simulator's."""
+    """Return the current stream of torch; 0 for the default stream and the CUDA simulator."""
     is_simulated = not (isinstance(argument, Tensor) and argument.is_cuda)
     handle = 0 if is_simulated else torch.cuda.current_stream(argument.device).cuda_stream
     return cuda.external_stream(handle) if handle else 0

@@ -1,4 +1,4 @@
-"""Range noise, one block of threads a scan, four beams a thread."""
+"""Range noise: one block per scan, four beams per thread and iteration."""
 
 from numba import cuda
 
@@ -10,7 +10,7 @@ THREADS = 128
 
 @block_per_row(THREADS)
 def add_range_noise_kernel(ranges, out, seed, step, table, max_range, max_hit):
-    """Noisy scans of all worlds."""
+    """Write the noisy scans of all worlds to ``out``."""
     n = cuda.blockIdx.x
     key = scan_key(seed[n], step[n])
     clean, noisy = ranges[n], out[n]

@@ -1,4 +1,4 @@
-"""Projection onto paths and points along them, one thread a world."""
+"""Path projection and interpolation, one thread per world."""
 
 from numba import cuda
 
@@ -8,7 +8,7 @@ from navrl.ops.kernels.path import find_point, project
 
 @thread_per_row
 def project_kernel(progress, distance, path, position, previous, ahead, behind):
-    """Write where each position lies on its path; NaN ``previous`` searches all of it."""
+    """Project each position onto its path; NaN ``previous`` searches the whole path."""
     n = cuda.grid(1)
     if n < progress.shape[0]:
         progress[n], distance[n] = project(path[n], position[n], previous[n], ahead, behind)

@@ -1,4 +1,4 @@
-"""Min-pooling, one block of threads a scan, some bins a thread."""
+"""Min-pooling: one block per scan, several bins per thread."""
 
 from numba import cuda
 

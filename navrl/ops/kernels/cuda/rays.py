@@ -1,7 +1,7 @@
-"""Ray casting, one block of threads a scanner.
+"""Ray casting, one block per scanner.
 
-A thread first finds the faces that one box shows, then all threads go through all faces, each for
-the beams that are its own: no two threads write to the same place, so a scan is the same each time.
+Each thread first finds the visible faces of one box; then all threads process all faces, each for
+its own beams. No two threads write to the same element, so scans are reproducible.
 """
 
 import math
@@ -16,14 +16,14 @@ THREADS = 128
 
 @cuda.jit(device=True)
 def fill(row, value):
-    """Write ``value`` to the beams that are this thread's own."""
+    """Write ``value`` to the beams of this thread."""
     for beam in range(cuda.threadIdx.x, row.shape[0], cuda.blockDim.x):
         row[beam] = value
 
 
 @cuda.jit(device=True)
 def cast_faces(row, cos, sin, faces, counts, num_boxes):
-    """Cast the beams that are this thread's own on the faces listed by all threads.
+    """Cast the beams of this thread against the faces found by all threads.
 
     ``faces`` [boxes, 2, 6] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
     """

@@ -1,4 +1,4 @@
-"""Stepping worlds, a thread for each, and scanning them, a block of threads for each."""
+"""Simulation on CUDA: one thread per world for steps, one block per world for scans."""
 
 import math
 
