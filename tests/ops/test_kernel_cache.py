@@ -54,7 +54,7 @@ def test_a_kernel_runs_where_it_cannot_be_kept(tmp_path, monkeypatch, caplog):
 
     monkeypatch.setattr(cache, "replacing", full)
     assert doubled(tmp_path, monkeypatch) == [2, 2, 2]
-    assert "not kept" in caplog.text and "no space left" in caplog.text
+    assert "not saved" in caplog.text and "no space left" in caplog.text
 
 
 @pytest.fixture

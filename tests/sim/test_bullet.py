@@ -300,7 +300,7 @@ def test_bad_arguments_are_named(name):
 
 
 def test_a_window_needs_a_display(monkeypatch):
-    for display, message in (("", "DISPLAY is not set"), (":987", "none answers at DISPLAY=:987")):
+    for display, message in (("", "DISPLAY is not set"), (":987", "none responds at DISPLAY=:987")):
         monkeypatch.setenv("DISPLAY", display)
         monkeypatch.setattr(sys, "platform", "linux")
         with pytest.raises(RuntimeError, match=message):
