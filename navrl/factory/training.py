@@ -27,6 +27,7 @@ from navrl.factory.environment import (
 )
 from navrl.policies import save_bundle, saved_metrics
 from navrl.training import Collector, Trainer
+from navrl.training.interruption import shield_resource_tracker
 from navrl.training.provenance import recorded_commands
 from navrl.training.workers import WorkersCollector
 
@@ -98,6 +99,7 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
         Trainer that can run, or resume from the folder's checkpoint.
     """
     make_device(cfg)
+    shield_resource_tracker()
     instantiate(deployed(cfg).transforms)  # report errors now instead of at the first save
     probe = make_training_env(on_cpu(cfg), cfg.seed, num_worlds=1)
     shapes = observation_shapes(probe)

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from types import FrameType
 
@@ -112,3 +113,13 @@ def shielded_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def shield_resource_tracker() -> None:
+    """Start Python's resource tracker now, so that SIGHUP cannot end it.
+
+    The tracker ignores SIGINT and SIGTERM by itself. If SIGHUP ended it, the names of shared memory
+    that it had registered would be reported as unknown.
+    """
+    with shielded_children():
+        resource_tracker.ensure_running()
