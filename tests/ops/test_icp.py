@@ -335,3 +335,13 @@ def test_bad_input_is_named(change, message):
     }
     with pytest.raises(ValueError, match=message):
         align(**{**arguments, **change})
+
+
+def test_scans_larger_than_a_block_are_aligned_alone(monkeypatch):
+    monkeypatch.setattr("navrl.ops.icp.PAIRS_PER_BLOCK", 1)
+    source = torch.rand(3, 40, 2, generator=torch.Generator().manual_seed(0)) * 4.0 - 2.0
+    returns = torch.ones(3, 40, dtype=torch.bool)
+    found = align(source, returns, source + torch.tensor([0.05, 0.0]), returns)
+    torch.testing.assert_close(
+        found.transform, torch.tensor([[0.05, 0.0, 0.0]] * 3), atol=1e-3, rtol=0
+    )
