@@ -126,7 +126,7 @@ def _arguments_of(message: str) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean A or B?"`` with the names nearest to a misspelt one, else ``""``."""
+    """Return a hint with the names nearest to a misspelt one, or an empty text."""
     near = difflib.get_close_matches(name, sorted(known), n=3, cutoff=0.7)
     return f"; did you mean {' or '.join(near)}?" if near else ""
 

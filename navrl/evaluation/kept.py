@@ -1,4 +1,4 @@
-"""Which episodes of an evaluation are saved as recordings; importing this loads no torch."""
+"""Choices of the episodes to save as recordings; importing this loads no torch."""
 
 KEPT = ("none", "failures", "all")
 """Values of ``recordings``."""

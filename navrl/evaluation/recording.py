@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from tensordict import TensorDictBase
-from torch import Tensor
-from torchrl.envs import TransformedEnv
 
 from navrl import keys
-from navrl.envs import NavigationEnv, Outcome
+from navrl.envs import NavigationEnv
 from navrl.evaluation.recording_checks import check_finite, check_plain, check_shape
-from navrl.evaluation.rollout import ERROR, evaluate
 from navrl.evaluation.rounding import restored, rounded
 from navrl.files import replacing
 from navrl.untrusted import DamagedFileError, read_arrays
-from navrl.worlds import Scenario, ScenarioBatch
+from navrl.worlds import Scenario
 
 _FORMAT = "navrl-recording-1"
 _REMEDY = "delete it or record the episode again"
-_TERM = f"{keys.REWARD_TERMS}/"
+TERM = f"{keys.REWARD_TERMS}/"
 OBSERVED = {  # shape without the time axis; None is any size
     keys.POSE: (3,),
     keys.PEDESTRIAN_BOXES: (None, 5),
@@ -115,7 +109,7 @@ class Recording:
         expected |= {name: (steps, *shape) for name, shape in DECIDED.items()}
         arrays = {name: getattr(self, name) for name in expected}
         for name, term in self.reward_terms.items():
-            expected[_TERM + name], arrays[_TERM + name] = (steps,), term
+            expected[TERM + name], arrays[TERM + name] = (steps,), term
         for name, array in arrays.items():
             if array is not None:
                 check_shape(name, array, expected[name])
@@ -195,7 +189,7 @@ class Recording:
             raise ValueError(f"file={file}: must end in .npz")
         values = {name: value for name, value in vars(self).items() if value is not None}
         terms = values.pop(keys.REWARD_TERMS)
-        values |= {_TERM + name: term for name, term in terms.items()}
+        values |= {TERM + name: term for name, term in terms.items()}
         with replacing(file) as stream:
             np.savez_compressed(stream, format=_FORMAT, **(rounded(values) if compact else values))
 
@@ -225,9 +219,9 @@ class Recording:
         if str(stored.pop("format", "")) != _FORMAT:
             raise ValueError(f"format must be {_FORMAT!r}")
         terms = {
-            name.removeprefix(_TERM): stored.pop(name)
+            name.removeprefix(TERM): stored.pop(name)
             for name in list(stored)
-            if name.startswith(_TERM)
+            if name.startswith(TERM)
         }
         names = {f.name for f in fields(cls)} - {keys.REWARD_TERMS}
         missing = {f.name for f in fields(cls) if f.default is not None} & names - stored.keys()
@@ -236,89 +230,5 @@ class Recording:
             raise ValueError(f"missing {sorted(missing)}, unknown {sorted(unknown)}")
         plain = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
         check_plain(plain)
-        check_finite({**plain, **{_TERM + name: term for name, term in terms.items()}})
+        check_finite({**plain, **{TERM + name: term for name, term in terms.items()}})
         return cls(**plain, reward_terms=terms)
-
-
-class EpisodeRecorder:
-    """Recorder of one world, the ``on_step`` of :func:`navrl.evaluation.evaluate`.
-
-    It does not affect the episode.
-
-    Args:
-        env: Environment of the evaluation, with ``privileged=True``.
-        scenario: Scenario of the world.
-        row: Index of the world.
-    """
-
-    def __init__(self, env: TransformedEnv, scenario: Scenario, row: int = 0) -> None:
-        self._env, self._scenario, self._row = env, scenario, row
-        self._series: dict[str, list[np.ndarray]] = defaultdict(list)
-        self._outcome, self._contact = Outcome.RUNNING, 0
-
-    def __call__(self, stepped: TensorDictBase) -> None:
-        """Add a batch of transitions; steps after the world's end are ignored."""
-        if self._outcome != Outcome.RUNNING:
-            return
-        before, after = stepped[self._row], stepped["next"][self._row]
-        self._contact = int(after[keys.CONTACT])
-        if not self._series:
-            self._append(before, OBSERVED)
-        self._append(after, OBSERVED)
-        self._append(before, [name for name in DECIDED if name != keys.ACTION])
-        command = self._env.transform.inv(stepped.exclude("next"))[keys.ACTION]
-        self._series[keys.ACTION].append(_copy(command[self._row]))
-        for name, term in after[keys.REWARD_TERMS].items():
-            self._series[_TERM + name].append(_copy(term.squeeze(-1)))
-        self._outcome = Outcome(int(after[keys.OUTCOME]))
-
-    def recording(self) -> Recording:
-        """Return the recording of the episode.
-
-        Raises:
-            ValueError: If it has not ended.
-        """
-        if self._outcome == Outcome.RUNNING:
-            raise ValueError("the episode has not ended")
-        series = {name: np.stack(rows) for name, rows in self._series.items()}
-        names = [name for name in series if name.startswith(_TERM)]
-        series["contact"] = self._contact
-        terms = {name.removeprefix(_TERM): series.pop(name) for name in names}
-        outcome = self._outcome.name.lower()
-        base = self._env.base_env
-        return Recording.of_episode(self._scenario, outcome, base, reward_terms=terms, **series)
-
-    def _append(self, step: TensorDictBase, names: list[str] | dict[str, tuple]) -> None:
-        for name in names:
-            value = step.get(name, None)
-            if value is not None:
-                self._series[name].append(_copy(value))
-
-
-def record_episode(
-    env: TransformedEnv,
-    policy: Callable[[TensorDictBase], TensorDictBase],
-    scenario: Scenario,
-) -> Recording:
-    """Play one scenario and record it.
-
-    Args:
-        env: Environment with ``privileged=True`` and any number of worlds; the first is recorded.
-        policy: Writes a normalized action; attention weights are recorded if it writes them.
-        scenario: Scenario to play.
-
-    Returns:
-        The recording of the episode, which equals that of :func:`navrl.evaluation.evaluate`.
-
-    Raises:
-        RuntimeError: If the episode raised an exception; the message has the traceback.
-    """
-    recorder = EpisodeRecorder(env, scenario)
-    (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]), on_step=recorder)
-    if record.outcome == ERROR:
-        raise RuntimeError(f"scenario {scenario.index} of {scenario.suite}:\n{record.error}")
-    return recorder.recording()
-
-
-def _copy(value: Tensor) -> np.ndarray:
-    return value.detach().cpu().numpy().copy()

@@ -12,7 +12,7 @@ from navrl.worlds import ScenarioBatch
 
 
 class Series:
-    """What metrics need of each step of N worlds."""
+    """Time series of N worlds for the metrics."""
 
     def __init__(self, carrier: TensorDictBase) -> None:
         self._pose = [carrier[keys.POSE]]

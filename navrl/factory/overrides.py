@@ -49,7 +49,8 @@ def check_start(cfg: DictConfig) -> None:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
 
     Raises:
-        ValueError: See :func:`check_options`, :func:`check_policy_name` and :func:`check_policy`.
+        ValueError: If a check of :func:`check_options`, :func:`check_policy_name` or
+            :func:`check_policy` fails.
     """
     check_options(cfg)
     check_policy_name(cfg.policy)

@@ -12,7 +12,8 @@ from omegaconf import DictConfig, OmegaConf
 from navrl.config import instantiate
 from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
-from navrl.evaluation.recording import Recording, record_episode
+from navrl.evaluation.recorder import record_episode
+from navrl.evaluation.recording import Recording
 from navrl.factory.environment import num_threads
 from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options, check_suite

@@ -101,7 +101,7 @@ def _hash_of(values: Mapping[str, Any]) -> str:
 
 
 def policy_parts(cfg: DictConfig) -> dict[str, Any]:
-    """Return the input of :func:`policy_hash`: a bundle's files, or a node and the files it names.
+    """Return a bundle's files, or a node and the files it names, for :func:`policy_hash`.
 
     Raises:
         ValueError: If the policy does not exist.

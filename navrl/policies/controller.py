@@ -1,4 +1,4 @@
-"""What a controller reports about itself, so that no list of names has to."""
+"""Base class of controllers, with the facts that evaluations need about them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models of other libraries as controllers: ``predict`` from NumPy observations to commands."""
+"""Controllers around models of other libraries with a ``predict`` method."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Predicting(Protocol):
 
 
 class PredictingPolicy(Controller):
-    """Play a model that was trained in ``navrl/Navigation-v0`` or another gymnasium environment.
+    """Controller around a model that was trained in a gymnasium environment.
 
     It is called with N worlds at a time and without noise. A model that carries a state from step
     to step (a recurrent one) needs a controller of its own.

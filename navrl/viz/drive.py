@@ -1,4 +1,4 @@
-"""Forward speed and turn rate of a recorded episode, whatever its base is commanded by."""
+"""Forward speed and turn rate of a recorded episode with any base."""
 
 from __future__ import annotations
 

@@ -122,5 +122,5 @@ def test_each_row_name_is_measured():
 
 def test_a_picture_needs_a_report(tmp_path):
     (tmp_path / "benchmark.json").write_text("{}")
-    with pytest.raises(ValueError, match="no report"):
+    with pytest.raises(ValueError, match="must be a benchmark report"):
         plot_benchmark(tmp_path / "benchmark.json", tmp_path / "picture")

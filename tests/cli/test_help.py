@@ -57,10 +57,13 @@ def test_help_lists_own_keys_with_comments(command, monkeypatch, capsys):
 @pytest.mark.parametrize(
     "command, line",
     [
-        ("evaluate", "latency=0                       episodes played again, one at a time on a"),
+        (
+            "evaluate",
+            "latency=0                       episodes replayed one at a time on one thread",
+        ),
         ("evaluate", "sweep=null                      density, speed"),
         ("train", "sweep=null                      ablation, baselines, seeds"),
-        ("train", "validation.seed=1_000_003       of its scenarios"),
+        ("train", "validation.seed=1_000_003       seed of its scenarios"),
         ("train", "hydra.run.dir=FOLDER            folder of the results; outputs/train/TIME if"),
         ("plot", "source=???                      required; folder or file"),
         ("benchmark", "effort=standard                 quick, standard"),

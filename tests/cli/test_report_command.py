@@ -16,4 +16,4 @@ def test_policies_are_compared_without_the_paper_too(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([str(tmp_path), "--reference", "paper"])
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "navrl: reference=paper: no such policy; there are dwa, random"
+    assert line == "navrl: reference=paper: must be one of these policies; there are dwa, random"

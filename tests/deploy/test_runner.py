@@ -10,7 +10,7 @@ from navrl import factory, jobs
 from navrl.config import compose, instantiate
 from navrl.deploy import DriveState, PolicyRunner, SafetyLimits
 from navrl.envs.navigation import NavigationEnv
-from navrl.evaluation.recording import record_episode
+from navrl.evaluation.recorder import record_episode
 from navrl.factory.training import deployed
 from navrl.policies import ZOO, load_bundle
 from navrl.policies.classical import DynamicWindow

@@ -13,7 +13,8 @@ from navrl import factory, keys
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner
 from navrl.envs.rewards import Proximity
-from navrl.evaluation.recording import Recording, record_episode
+from navrl.evaluation.recorder import record_episode
+from navrl.evaluation.recording import Recording
 from navrl.ops import se2
 from navrl.ops.distance import point_box_distance
 from navrl.sim import Lidar

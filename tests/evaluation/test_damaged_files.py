@@ -12,7 +12,8 @@ from evaluated import HIT, WON, write_evaluation
 
 from navrl.config import compose, instantiate
 from navrl.evaluation import find_evaluations
-from navrl.evaluation.recording import Recording, record_episode
+from navrl.evaluation.recorder import record_episode
+from navrl.evaluation.recording import Recording
 from navrl.evaluation.rollout import EpisodeRecord
 from navrl.evaluation.stored import Evaluation, whole_results
 from navrl.evaluation.unfinished import FinishedChunks

@@ -10,7 +10,8 @@ from tensordict.nn import TensorDictSequential
 from navrl import keys
 from navrl.config import compose, instantiate
 from navrl.evaluation import Trajectory, evaluate, measure
-from navrl.evaluation.recording import EpisodeRecorder, Recording, record_episode
+from navrl.evaluation.recorder import EpisodeRecorder, record_episode
+from navrl.evaluation.recording import Recording
 from navrl.factory import make_env, make_navigation_env, observation_shapes
 from navrl.networks import make_actor
 from navrl.policies.classical import PurePursuit, StandStill, UniformRandom

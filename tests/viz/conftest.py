@@ -11,7 +11,7 @@ from evaluated import HIT, LATE, WON, write_evaluation
 from tensordict.nn import TensorDictSequential
 
 from navrl.config import compose, instantiate
-from navrl.evaluation.recording import record_episode
+from navrl.evaluation.recorder import record_episode
 from navrl.factory import make_env, make_navigation_env, observation_shapes
 from navrl.networks import make_actor
 from navrl.policies.classical import PurePursuit

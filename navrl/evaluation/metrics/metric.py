@@ -77,7 +77,7 @@ class Metric:
 
     @property
     def is_ending(self) -> bool:
-        """Whether it marks an ending of episodes, with a label and a color."""
+        """Return whether the metric marks an ending of episodes, with a label and a color."""
         return bool(self.color)
 
     @property

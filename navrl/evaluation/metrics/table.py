@@ -1,4 +1,4 @@
-"""All metrics, one row each: columns of ``episodes.csv``, comparisons, endings and docs follow.
+"""Table of all metrics; columns, comparisons, endings and docs follow from its rows.
 
 A metric is two edits: its function, and its row here. A metric of the user's own is added by
 configuration instead; see ``docs/extending.md``.
@@ -97,7 +97,7 @@ def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict
 
 
 def markdown_table(metrics: Iterable[Metric] = METRICS) -> str:
-    """Return a table of name, unit, definition and source of each metric, as the site prints it."""
+    """Return the Markdown table of all metrics for the documentation."""
     rows = ["| metric | unit | definition | source |", "|---|---|---|---|"]
     for metric in metrics:
         unit = metric.unit.replace("^2", "²").replace("^3", "³")
