@@ -65,7 +65,7 @@ OTHERS = {
     "git push",
     "python3 -m venv .venv",  # CI's own first step, and its test command
     "ruff format navrl tests",  # tests/test_style.py
-    "python -m pytest",
+    "python -m pytest -n auto",
     "mkdocs build --strict",  # tests/test_docs.py
     "pytest tests/sim/test_parity.py --run-slow",
     "export RAY_AUTH_MODE=token",

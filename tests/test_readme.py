@@ -13,7 +13,7 @@ def test_the_first_screen_has_two_commands_that_set_themselves_up():
         assert command.count("\n") == 1
         assert command.startswith("python3 -m venv .venv && .venv/bin/pip install")
     assert first.strip().endswith("navrl-train")
-    assert second.strip().endswith("pytest")
+    assert second.strip().endswith("pytest -n auto")
     assert '".[test,docs]"' in second  # or the site's tests are skipped where they count
 
 
