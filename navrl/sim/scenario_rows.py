@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from navrl.worlds import ScenarioBatch, pedestrian_boxes
+from navrl.worlds.batch import tensor_names
 
 _PREFIX = "scenario."
 
@@ -74,7 +75,7 @@ class ScenarioRows:
         if not tensors:
             self._batch = None
             return
-        missing = ScenarioBatch.__dataclass_fields__.keys() - tensors.keys()
+        missing = set(tensor_names()) - tensors.keys()
         if missing:
             raise ValueError(f"state: lacks {sorted(_PREFIX + name for name in missing)}")
         wanted, got = (self._num_worlds, self._max_pedestrians), tensors["ped_present"].shape

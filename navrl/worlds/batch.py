@@ -95,7 +95,7 @@ class ScenarioBatch:
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
-        return {name: getattr(self, name) for name in _tensor_names()}
+        return {name: getattr(self, name) for name in tensor_names()}
 
     @classmethod
     def from_tensors(
@@ -103,7 +103,7 @@ class ScenarioBatch:
     ) -> ScenarioBatch:
         """Rebuild from :meth:`tensors`; older data without furniture is accepted."""
         tensors = {"num_furniture": torch.zeros_like(tensors["num_boxes"]), **tensors}
-        return cls(**{name: tensors[name] for name in _tensor_names()}, kinds=tuple(kinds))
+        return cls(**{name: tensors[name] for name in tensor_names()}, kinds=tuple(kinds))
 
     def kind_of(self, row: int) -> str:
         """Return the kind of world of a scenario; ``other`` if the names are not known."""
@@ -129,7 +129,8 @@ class ScenarioBatch:
         return replace(self, noise_seed=noise_seed)
 
 
-def _tensor_names() -> list[str]:
+def tensor_names() -> list[str]:
+    """Return the names of the tensors of a batch."""
     return [field.name for field in fields(ScenarioBatch) if field.name != "kinds"]
 
 

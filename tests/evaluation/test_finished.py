@@ -8,9 +8,9 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from navrl.config import compose
+from navrl.config import CONF_DIR, compose
 from navrl.evaluation import find_evaluations
-from navrl.factory import policy as building
+from navrl.jobs import evaluation as building
 from navrl.jobs import finished_evaluation, inputs, measure_latency, run_evaluation
 from navrl.policies import ZOO
 
@@ -69,8 +69,8 @@ def test_a_touched_file_is_not_played_again(tmp_path, bundle):
 
 def test_changed_parameters_of_a_controller_are_played(tmp_path, monkeypatch):
     controllers = tmp_path / "conf" / "controller"
-    shutil.copytree(building.CONF_DIR / "controller", controllers)
-    monkeypatch.setattr(building, "CONF_DIR", tmp_path / "conf")
+    shutil.copytree(CONF_DIR, tmp_path / "conf")
+    monkeypatch.setattr("navrl.config.CONF_DIR", tmp_path / "conf")
     cfg, _ = played(tmp_path / "run", policy="pure_pursuit")
     file = controllers / "pure_pursuit.yaml"
     file.write_text(file.read_text().replace("waypoint: 1", "waypoint: 3"))
@@ -129,8 +129,8 @@ def test_results_without_hashes_are_played_again(tmp_path):
 def test_unfinished_episodes_of_other_parameters_are_played_again(tmp_path, monkeypatch):
     """What was cut off before a controller's file changed is no part of the result."""
     controllers = tmp_path / "conf" / "controller"
-    shutil.copytree(building.CONF_DIR / "controller", controllers)
-    monkeypatch.setattr(building, "CONF_DIR", tmp_path / "conf")
+    shutil.copytree(CONF_DIR, tmp_path / "conf")
+    monkeypatch.setattr("navrl.config.CONF_DIR", tmp_path / "conf")
     monkeypatch.setattr(building, "finish", lambda folder: None)  # as a kill before the end leaves
     words = ("environment.time_limit_steps=60",)
     played(tmp_path / "run", *words, policy="pure_pursuit")
@@ -194,5 +194,5 @@ def test_a_policy_of_the_same_weights_has_the_same_hash(tmp_path, bundle):
     torch.manual_seed(0)
     copy = tmp_path / "copy"
     shutil.copytree(bundle, copy)
-    hashes = [inputs.policy_hash(building.policy_parts(config(str(p)))) for p in (bundle, copy)]
+    hashes = [inputs.policy_hash(inputs.policy_parts(config(str(p)))) for p in (bundle, copy)]
     assert hashes[0] == hashes[1]
