@@ -17,7 +17,8 @@ from navrl.policies.names import bundle_folder
 PARTS = ("transforms", "lidar", "robot")
 """Parts that a bundle includes and ``change`` can modify."""
 
-_OF_RECORDING = ("recording", "frames_per_s")  # keys with an effect when a recording is drawn
+# Keys allowed when a recording is drawn: those with an effect, and the number of threads.
+_OF_RECORDING = ("recording", "frames_per_s", "num_threads")
 _NEVER_MEASURED = ("suite", "final_simulator", "deployment", "resume", "validation", "sweep")
 _SET_BY_ROWS = (
     *(f"schedule.{name}" for name in ("learning_starts", "total_frames", "checkpoint_every_s")),

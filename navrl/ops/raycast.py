@@ -92,7 +92,12 @@ Beams = tuple[int, float, float | None]
 
 
 def beam_angles(num_beams: int, angle_min: float, angle_increment: float | None) -> Tensor:
-    """Return the angle of each beam in the scanner's frame, [num_beams] float64 rad."""
+    """Return the angle of each beam in the scanner's frame, [num_beams] float64 rad.
+
+    Example:
+        >>> beam_angles(3, -0.5, 0.5).tolist()
+        [-0.5, 0.0, 0.5]
+    """
     increment = 2.0 * math.pi / num_beams if angle_increment is None else angle_increment
     return angle_min + torch.arange(num_beams, dtype=torch.float64) * increment
 
@@ -104,7 +109,12 @@ def beam_directions(
     angle_increment: float | None = None,
     device: torch.device | str = "cpu",
 ) -> Tensor:
-    """Return [2, num_beams] float64 (cos, sin) of the beams' angles; do not write into it."""
+    """Return [2, num_beams] float64 (cos, sin) of the beam angles; cached, read-only.
+
+    Example:
+        >>> beam_directions(4).round(decimals=3).abs()[0].tolist()
+        [1.0, 0.0, 1.0, 0.0]
+    """
     angle = beam_angles(num_beams, angle_min, angle_increment)
     return torch.stack((torch.cos(angle), torch.sin(angle))).to(device)
 
@@ -112,11 +122,15 @@ def beam_directions(
 def beam_grid(
     num_beams: int, angle_min: float, angle_increment: float | None
 ) -> tuple[float, float, float]:
-    """Return what the kernels turn an angle into a beam by.
+    """Return the parameters by which the kernels convert an angle to a beam.
 
     Returns:
-        Angle of beam 0, rad; beams a radian, negative if they are counted clockwise; beams that a
-        full circle would hold.
+        Angle of beam 0, rad; beams per radian, negative if they are counted clockwise; beams of a
+        full circle.
+
+    Example:
+        >>> beam_grid(3, -0.5, 0.5)[:2]
+        (-0.5, 2.0)
     """
     angle_min = math.remainder(angle_min, 2.0 * math.pi)
     if angle_increment is None:

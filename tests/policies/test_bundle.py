@@ -320,7 +320,7 @@ def test_limits_of_a_fast_robot_are_allowed(folder):
         ("transforms", {"_target_": "navrl.transforms.MinPool", "group_size": 0}, "group_size"),
         ("lidar", {"_target_": "navrl.sim.Lidar", "max_range": -1.0}, "max_range"),
         ("lidar", {"_target_": "navrl.sim.DifferentialDrive"}, "lidar: must be a Lidar"),
-        ("robot", {"_target_": "navrl.sim.Lidar"}, "robot: must be a DifferentialDrive"),
+        ("robot", {"_target_": "navrl.sim.Lidar"}, "robot: must be a RobotModel"),
     ],
 )
 def test_every_part_is_built_at_load(folder, part, node, message):

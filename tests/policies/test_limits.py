@@ -94,7 +94,8 @@ def test_a_shield_beyond_its_bounds_is_named(folder, values, message):
 def test_a_pooling_with_all_beams_in_one_of_many_bins_is_refused(folder):
     """The table of beams by bin would have 64 million entries."""
     change = {"group_size": None, "num_points": 8_000, "angle_increment": 1e-9}
-    edited(folder, lambda config: config["lidar"].update(num_beams=8_000))
+    lidar = {"num_beams": 8_000, "angle_increment": 1e-9}
+    edited(folder, lambda config: config["lidar"].update(lidar))
     edited(folder, lambda config: config["transforms"]["min_pool"].update(change))
     with pytest.raises(ValueError, match=r"num_points=8000.*8000 beams.*at most"):
         PolicyRunner.from_bundle(folder)

@@ -21,7 +21,7 @@ def simulator(request):
     "start", [(10_001, 0, 0), (0, -10_001, 0), (5e5, 5.6e6, 0), (np.nan, 0, 0)]
 )
 def test_start_beyond_ten_kilometers_is_refused(simulator, start):
-    with pytest.raises(ValueError, match=r"scenarios\.start must be finite and within 10000 m"):
+    with pytest.raises(ValueError, match=r"scenarios\.start: must be finite and within 10000 m"):
         simulator.reset(torch.arange(1), pack(scene(start=start)))
 
 
