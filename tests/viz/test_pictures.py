@@ -29,6 +29,8 @@ def write_point(folder, policy, rate, speed=0.6, count=2, episodes=100, **change
     part = {
         "episodes": episodes,
         "success_rate": rate,
+        "collision_rate": 1.0 - rate,
+        "timeout_rate": 0.0,
         "success_interval": wilson_interval(round(rate * episodes), episodes),
     }
     summary = {
@@ -41,7 +43,8 @@ def write_point(folder, policy, rate, speed=0.6, count=2, episodes=100, **change
         **changes,
     }
     (folder / "summary.json").write_text(json.dumps(summary))
-    (folder / "episodes.csv").write_text("index,outcome\n")
+    lines = [f"{index},{WORLDS[index % 2]},timeout" for index in range(episodes)]
+    (folder / "episodes.csv").write_text("\n".join(["index,scenario,outcome", *lines, ""]))
     distribution = {"num_dynamic": [count, count], "speed": [speed, speed]}
     config = {"suite": {"distribution": distribution}}
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
@@ -90,10 +93,10 @@ def test_a_suite_s_name_tells_its_setting(tmp_path, name, setting):
 
 
 def test_episodes_tell_their_setting_better_than_any_name(tmp_path):
-    write_point(tmp_path / "a", "paper", 0.5, suite="speed_v2")
-    columns = "index,outcome,num_dynamic,pedestrian_speed_mps\n"
+    write_point(tmp_path / "a", "paper", 0.5, suite="speed_v2", episodes=2)
+    columns = "index,scenario,outcome,num_dynamic,pedestrian_speed_mps\n"
     (tmp_path / "a" / "episodes.csv").write_text(
-        f"{columns}0,success,2,0.9\n1,timeout,2,0.9000001\n"
+        f"{columns}0,office,success,2,0.9\n1,office,timeout,2,0.9000001\n"
     )
     (evaluation,) = find_evaluations([tmp_path])
     point, *_ = rates.rate_points(evaluation)

@@ -15,7 +15,7 @@ _PARTS = {
     "collision_static": ("collision_wall", "collision_furniture"),
 }
 _UNDIVIDED = {  # of files from before the contacts were classified
-    "collision_pedestrian": ("collision with a pedestrian, blame not kept", "#EFB08C"),
+    "collision_pedestrian": ("collision with a pedestrian, fault unknown", "#EFB08C"),
     "collision_static": ("collision with a wall or furniture", "#F3D694"),
 }
 
