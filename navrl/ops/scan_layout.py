@@ -126,6 +126,10 @@ class ScanLayout:
         """Return the beams of each bin, ``[N, M]`` int64 ascending, padded with ``num_beams``."""
         return _beams_by_bin(self)
 
+    def fullest_bin(self) -> int:
+        """Return the number of beams in the bin that has the most."""
+        return _fullest_bin(self)
+
     def seen(self) -> Tensor:
         """Return whether each bin is covered by a beam, ``[N]`` bool.
 
@@ -168,6 +172,11 @@ def scan_layout(*arguments: object) -> ScanLayout:
         True
     """
     return ScanLayout(*arguments)
+
+
+@functools.lru_cache(maxsize=64)
+def _fullest_bin(layout: ScanLayout) -> int:
+    return int(layout.bin_of(layout.beam_bearings()).bincount().max())
 
 
 @functools.lru_cache(maxsize=16)

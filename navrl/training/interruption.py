@@ -118,7 +118,7 @@ def shielded_children() -> Iterator[None]:
 def shield_resource_tracker() -> None:
     """Start Python's resource tracker now, so that SIGHUP cannot end it.
 
-    The tracker ignores SIGINT and SIGTERM by itself. If SIGHUP ended it, the names of shared memory
+    The tracker ignores SIGINT and SIGTERM already. If SIGHUP ended it, the names of shared memory
     that it had registered would be reported as unknown.
     """
     with shielded_children():

@@ -131,7 +131,7 @@ class MinPool(ObservationMap):
     def _checked_bins(self, num_beams: int) -> int:
         """Return the number of bins; the table of each bin's beams is bounded before it is made."""
         layout = self.layout(num_beams)
-        fullest = int(layout.bin_of(layout.beam_bearings()).bincount().max())
+        fullest = layout.fullest_bin()
         if layout.num_bins * fullest > _MAX_TABLE:
             raise ValueError(
                 f"num_points={layout.num_bins} with {fullest} beams in one bin: "

@@ -95,7 +95,8 @@ def test_kill_at_the_final_evaluation_adds_no_row(tmp_path, whole, moment):
 
 
 def test_last_frame_is_evaluated_once(tmp_path):
-    trainer, _ = rated(tmp_path, [0.5] * 3, ["schedule.evaluate_every_updates=5"])
+    due = ["schedule.evaluate_every_updates=5", "schedule.learning_starts=44"]  # at 80 and 120
+    trainer, _ = rated(tmp_path, [0.5] * 3, due)
     trainer.run()
     evaluated = [r["frames"] for r in rows(tmp_path) if r["evaluation/success_rate"]]
     assert evaluated == ["80", "120"]
