@@ -100,6 +100,8 @@ def shortened(command: str) -> tuple[str, tuple[str, ...]]:
     extra = SHORTER[name]
     if name == "navrl-train" and "resume=" in command:
         extra = ("num_threads=1", "progress_bar=false")
+    if name == "navrl-play" and "recording=" in command:
+        extra = ()  # drawn as it is
     if name == "navrl-benchmark" and "rows=" not in command:
         extra = (*extra, "rows=[scan]")  # tests/benchmarks has all
     if "collector.num_workers=" in command:
