@@ -9,7 +9,7 @@ from torch import Tensor
 from navrl.ops import se2
 from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.raycast import Beams, beam_angles
-from navrl.ops.scan_layout import check_layout
+from navrl.ops.scan_layout import ScanLayout
 
 
 class Lidar:
@@ -56,13 +56,7 @@ class Lidar:
                 raise ValueError(f"{name}={value}: must be positive and finite (m)")
         if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
             raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
-        check_layout(1, None, angle_min, angle_increment, mount)
-        covered = (num_beams - 1) * abs(angle_increment or 0.0)
-        if covered > 2.0 * math.pi * (1.0 + 1e-5):
-            raise ValueError(
-                f"angle_increment={angle_increment}: must be within one revolution, got "
-                f"{covered:.3f} rad from the first to the last of {num_beams} beams"
-            )
+        ScanLayout(num_beams, None, 1, angle_min, angle_increment, tuple(mount))  # checks angles
         self.num_beams = int(num_beams)
         self.angle_min = float(angle_min)
         self.angle_increment = None if angle_increment is None else float(angle_increment)
