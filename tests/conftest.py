@@ -1,11 +1,15 @@
 """Options and defaults of the whole test suite."""
 
 import os
+import shutil
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tests run side by side; threads would fight
 
+from pathlib import Path
+
 import pytest
 import torch
+from filelock import FileLock
 
 torch.set_num_threads(1)
 
@@ -14,6 +18,30 @@ torch.set_num_threads(1)
 def subnormal_numbers():
     """Undo what a command does for its process, which hypothesis refuses to draw floats in."""
     torch.set_flush_denormal(False)
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory):
+    """Return a function that fills a named folder once per session, whichever worker asks first.
+
+    Its arguments are the name and a function that is called with the empty folder.
+    """
+    root = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent  # of all workers
+    (root / "once").mkdir(exist_ok=True)
+
+    def filled(name, fill) -> Path:
+        folder, done = root / "once" / name, root / "once" / f"{name}.done"
+        with FileLock(f"{folder}.lock"):
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # what a failed attempt left
+                folder.mkdir()
+                fill(folder)
+                done.touch()
+        return folder
+
+    return filled
 
 
 def pytest_addoption(parser):
