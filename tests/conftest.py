@@ -1,5 +1,6 @@
 """Options and defaults of the whole test suite."""
 
+import functools
 import os
 import shutil
 
@@ -42,6 +43,34 @@ def once(tmp_path_factory):
         return folder
 
     return filled
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_kernels(request, once):
+    """Compile kernels once for a whole run, shared out between the workers."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if not worker or len(request.session.items) < 1000:
+        return  # a few tests compile what they need
+
+    def play(policy, folder):
+        from navrl import jobs
+        from navrl.config import compose
+
+        words = ["suite=smoke", "suite.num_episodes=1", "num_worlds=1", "num_threads=1"]
+        words += ["environment.time_limit_steps=2", "progress_bar=false", f"policy={policy}"]
+        jobs.run_evaluation(compose("evaluate", words), folder)
+
+    policies = ["paper", "oracle"]  # the longest kernels: ICP, and search in space and time
+    for policy in policies if worker[-1] in "02468" else reversed(policies):
+        once(f"kernels_{policy}", functools.partial(play, policy))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Give each worker consecutive tests, which share fixtures, and idle workers a part of them."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getvalue("dist") == "load" else None
 
 
 def pytest_addoption(parser):

@@ -7,12 +7,15 @@ import re
 import shlex
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from unittest import mock
 
 import pages
 import pytest
 from omegaconf import OmegaConf
 
+from navrl import viz
 from navrl.config import CONF_DIR, compose
 
 # What the commands of a program are shortened by: words that set a key take its place.
@@ -41,17 +44,18 @@ STANDS_FOR = {
     "recording=FILE": f"recording={RUN}/episode.npz",
     "experiment=NAME": "experiment=paper",
     "source=navrl/policies/zoo": f"source={pages.ROOT / 'navrl/policies/zoo'}",
-    "navrl-evaluate -m policy=all": "navrl-evaluate -m policy=stand_still,dwa",
     "policy=FOLDER": "policy=paper",
     "policy=PATH": "policy=paper",
     "000017.npz": "000001.npz",
-    "sweep=density policy=all": "sweep=density policy=stand_still",
-    "sweep=density policy=navrl-best,paper": "sweep=density policy=stand_still",
-    "sweep=speed policy=navrl-best,paper": "sweep=speed policy=stand_still",
-    "policy=zoo,dwa": "policy=paper,dwa",  # tests/cli/test_evaluation_sweep.py expands the word
-    "policy=all simulator=bullet": "policy=paper,dwa simulator=bullet",
     "navrl-suites check table1": "navrl-suites check validation",
     "navrl-suites freeze": "navrl-suites freeze validation",
+}
+# Policies of sweeps in the default run; tests/cli/test_evaluation_sweep.py expands the words.
+FEWER = {
+    "policy=all simulator=bullet": "policy=paper,dwa simulator=bullet",
+    "policy=all": "policy=stand_still,dwa",
+    "policy=zoo,dwa": "policy=paper,dwa",
+    "policy=navrl-best,paper": "policy=stand_still",
 }
 # Several machines, a scheduler or a service that a test has not: what they choose is composed.
 ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "collector=ray")
@@ -129,7 +133,11 @@ def choices(command: str) -> dict[str, list[str]]:
 
 def two_jobs(command: str) -> str:
     """Shorten a sweep to the first and the last value of its last key; check the other values."""
+    for printed, here in FEWER.items():
+        command = command.replace(printed, here)
     several = choices(command)
+    if not several:
+        return command
     for key, values in several.items():
         for value in values[1:]:
             if not key.startswith("policy"):
@@ -156,24 +164,37 @@ def needed(page: Path, command: str) -> list[str]:
     return [other for other in before if (folder := produced(other)) and folder in reads]
 
 
+def undrawn():
+    """Let trainings write empty pictures: the first one of a session draws them all."""
+    functions = ("plot_curves", "save_gif", "save_png")
+    return mock.patch.multiple(viz, **dict.fromkeys(functions, lambda _, file: file.touch()))
+
+
 class Bench:
     """Runs each command once per session in a user's folder of its own."""
 
     def __init__(self, once, monkeypatch, capsys):
         self._once, self._monkeypatch, self._capsys = once, monkeypatch, capsys
 
-    def run(self, command: str, extra: tuple[str, ...], before: list[Path]) -> Path:
+    def run(self, command: str, extra: tuple[str, ...], before: list[Path], drawn: bool) -> Path:
         """Run a command after others; return its folder, with what it said in a file beside it.
 
         Args:
             command: The command.
             extra: More words, see :func:`pages.run`.
             before: Folders of the commands that ran before; a training is always there.
+            drawn: Whether a training draws its pictures.
         """
-        words = [*pages.arguments(command, extra), *map(str, before)]
+        words = [*pages.arguments(command, extra), *map(str, before), str(drawn)]
         name = hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
-        before = before or [self._once("trained", self._train)]
-        return self._once(name, lambda folder: self._run(folder, command, extra, before)) / "user"
+        before = before or [self._once("trained", self._train) / "user"]
+        drawing = nullcontext if drawn or not command.startswith("navrl-train") else undrawn
+
+        def fill(folder):
+            with drawing():
+                self._run(folder, command, extra, before)
+
+        return self._once(name, fill) / "user"
 
     def _train(self, folder: Path) -> None:
         (folder / "user").mkdir()
@@ -182,8 +203,7 @@ class Bench:
 
     def _run(self, folder, command, extra, before):
         for state in before:
-            source = state if state.name == "user" else state / "user"
-            shutil.copytree(source, folder / "user", dirs_exist_ok=True)
+            shutil.copytree(state, folder / "user", dirs_exist_ok=True)
         self._monkeypatch.chdir(folder / "user")
         self._capsys.readouterr()
         status = pages.exit_status(command, *extra)
@@ -200,9 +220,9 @@ def executed(bench: Bench, page: Path, command: str, whole: bool = False) -> Pat
     """Run a printed command after those it needs; return its folder."""
     before = [executed(bench, page, other, whole) for other in needed(page, command)]
     small, extra = shortened(command)
-    if not whole and choices(small) and re.match(r"navrl-(train|evaluate) -m ", small):
+    if not whole and re.match(r"navrl-(train|evaluate) -m ", small):
         small = two_jobs(small)
-    return bench.run(small, extra, before)
+    return bench.run(small, extra, before, drawn=whole)
 
 
 def check(bench: Bench, page: Path, command: str, whole: bool = False) -> None:

@@ -46,31 +46,46 @@ def test_any_number_of_processes_gives_the_same_bytes(alone, tmp_path):
     assert not (tmp_path / "unfinished").exists()
 
 
+CUT_OFF = (
+    "import sys, time; from navrl.jobs import playing, run_evaluation\n"
+    "from navrl.config import compose; from pathlib import Path\n"
+    "save = playing.FinishedChunks.save\n"
+    "def slow(*a):\n    save(*a); time.sleep(600)\n"
+    "playing.FinishedChunks.save = slow\n"
+    "if __name__ == '__main__':\n"
+    "    run_evaluation(compose('evaluate', sys.argv[2:]), Path(sys.argv[1]))\n"
+)
+
+
+def start_cut_off(arguments, folder):
+    """Start an evaluation that waits after its first chunk; return its process group."""
+    if "num_processes=1" not in arguments:
+        (folder / "cut_off.py").write_text(CUT_OFF)
+        command = [sys.executable, str(folder / "cut_off.py"), *arguments]
+        return subprocess.Popen(command, start_new_session=True).pid
+    child = os.fork()  # as above, without importing everything again
+    if child == 0:
+        os.setsid()
+        sys.argv = ["cut_off.py", *arguments]
+        try:
+            exec(CUT_OFF, {"__name__": "__main__"})
+        finally:
+            os._exit(1)
+    return child
+
+
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_killed_evaluation_goes_on_where_it_was(alone, tmp_path, processes):
     """SIGKILL as soon as a chunk is finished; then the same command."""
     simulator, expected = alone
     words = ["policy=random", f"simulator={simulator}", *SHORT, f"num_processes={processes}"]
-    code = (
-        "import sys, time; from navrl.jobs import playing, run_evaluation\n"
-        "from navrl.config import compose; from pathlib import Path\n"
-        "save = playing.FinishedChunks.save\n"
-        "def slow(*a):\n    save(*a); time.sleep(600)\n"
-        "playing.FinishedChunks.save = slow\n"
-        "if __name__ == '__main__':\n"
-        "    run_evaluation(compose('evaluate', sys.argv[2:]), Path(sys.argv[1]))\n"
-    )
-    script = tmp_path / "cut_off.py"
-    script.write_text(code)
     folder = tmp_path / "run"
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(folder), *words], start_new_session=True
-    )
+    process = start_cut_off([str(folder), *words], tmp_path)
     while not list(folder.glob("unfinished/*.json")):
-        assert process.poll() is None
+        assert os.waitpid(process, os.WNOHANG) == (0, 0)
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    os.killpg(process, signal.SIGKILL)
+    os.waitpid(process, 0)
     (part,) = folder.glob("unfinished/*.json")
     # What is finished is believed, not played again: a mark in it reaches the result.
     records = json.loads(part.read_text())
