@@ -17,6 +17,7 @@ from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from navrl.deprecation import renamed_attributes
 from navrl.files import explain_os_error
 
 CONF_DIR = next(
@@ -198,3 +199,6 @@ def check_types(
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
             continue
         raise ValueError(f"{key}={value}: must be {type(default).__name__}, as in {key}={default}")
+
+
+__getattr__ = renamed_attributes(__name__, {"hydra_main": "navrl.cli.command.hydra_main"})

@@ -11,6 +11,7 @@ RANK = {
     "keys": 0,
     "ops": 0,
     "config": 0,
+    "deprecation": 0,
     "extras": 0,
     "files": 0,
     "untrusted": 0,

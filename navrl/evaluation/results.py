@@ -30,7 +30,7 @@ _COLUMNS = (
     "time_s",
     "path_length_m",
     "min_pedestrian_distance_m",
-    "run_into",
+    "hit_by_pedestrian",
     "solved",
     "noise_seed",
     "num_dynamic",
@@ -187,7 +187,7 @@ def _rates(records: Sequence[EpisodeRecord]) -> dict:
     result["errors"] = count[ERROR]
     times = [r.time_s for r in records if r.outcome == "success"]
     result["successes"] = count["success"]
-    result["run_into"] = sum(r.run_into for r in records)
+    result["hit_by_pedestrian"] = sum(r.hit_by_pedestrian for r in records)
     if any(r.solved is not None for r in records):
         result["solved"] = sum(bool(r.solved) for r in records)
     result["navigation_time_s"] = round(sum(times) / len(times), 4) if times else None

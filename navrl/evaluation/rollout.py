@@ -71,7 +71,7 @@ class EpisodeRecord:
         time_s: Duration, s.
         path_length_m: Driven distance, m.
         min_pedestrian_distance_m: Minimum distance to a pedestrian, surface to surface, m.
-        run_into: Whether a pedestrian moved into the robot.
+        hit_by_pedestrian: Whether a pedestrian moved into the robot.
         error: Traceback, if the episode raised an exception.
         solved: Whether the policy had a plan; ``None`` if it does not plan episodes.
         noise_seed: Seed of the lidar's noise.
@@ -88,7 +88,7 @@ class EpisodeRecord:
     time_s: float
     path_length_m: float
     min_pedestrian_distance_m: float
-    run_into: bool = False
+    hit_by_pedestrian: bool = False
     error: str = ""
     solved: bool | None = None
     noise_seed: int = 0
@@ -222,7 +222,7 @@ def _play(
             for watcher in watchers:
                 watcher(stepped)
             series.add(stepped)
-            env.base_env.simulator.rest(~series.running)
+            env.base_env.simulator.skip(~series.running)
             carrier = step_mdp(stepped, exclude_action=False)  # controllers read their last action
     return series, solved
 
@@ -253,7 +253,7 @@ def _record(
         time_s=steps * trajectory.time_step_s,
         path_length_m=values["path_length_m"],
         min_pedestrian_distance_m=values["min_pedestrian_distance_m"],
-        run_into=int(trajectory.contact[row]) == Contact.RUN_INTO,
+        hit_by_pedestrian=int(trajectory.contact[row]) == Contact.HIT_BY_PEDESTRIAN,
         solved=None if solved is None else bool(solved[row]),
         metrics=values,
         **_setting(batch, row),

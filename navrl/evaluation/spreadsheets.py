@@ -62,7 +62,7 @@ def _flat(table: ComparisonTable, row: ComparisonRow) -> dict[str, object]:
         "suite_hash": table.suite_hash,
         "simulator": table.simulator,
         "policy": row.policy,
-        "cheats": int(row.cheats),
+        "privileged": int(row.is_privileged),
         "episodes": row.episodes,
         "errors": row.errors,
     }

@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from navrl.deprecation import warn
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
-from navrl.evaluation.metrics import METRICS
+from navrl.evaluation.metrics import METRICS, RENAMED
 from navrl.evaluation.pairing import COLLISIONS, COMPARABLE, MetricComparison
 from navrl.evaluation.seeds import OverSeeds
 from navrl.evaluation.spreadsheets import (
@@ -84,7 +85,7 @@ def markdown(table: ComparisonTable) -> str:
         "|" + "---|" * len(header),
     ]
     lines += ["| " + " | ".join(_cells(row, reference, has_published)) + " |" for row in table.rows]
-    if any(row.cheats for row in table.rows):
+    if any(row.is_privileged for row in table.rows):
         lines += ["", "\\* privileged: reads the true state of walls and pedestrians."]
     lines += [*_lead_lines(table), *_collision_lines(table), *_seed_lines(table)]
     return "\n".join(lines) + "\n"
@@ -102,6 +103,9 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
     """
     measured = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     comparable = dict.fromkeys((*COMPARABLE, *measured))
+    for old in RENAMED.keys() & set(names):
+        warn(f"metrics=[{old}]", f"use {RENAMED[old]}")
+    names = [RENAMED.get(name, name) for name in names]
     unknown = sorted(set(names) - comparable.keys())
     if unknown:
         raise ValueError(f"metrics={unknown}: must be some of {', '.join(comparable)}")
@@ -225,7 +229,10 @@ def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str |
 
 def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> list[str]:
     errors = f" ({row.errors} errors)" if row.errors else ""
-    cells = [f"{_code(row.policy)}" + ("\\*" if row.cheats else ""), f"{row.episodes:,}{errors}"]
+    cells = [
+        f"{_code(row.policy)}" + ("\\*" if row.is_privileged else ""),
+        f"{row.episodes:,}{errors}",
+    ]
     for name in _RATES:
         cells.append(_rate(row, name))
     cells.append(_NOTHING if row.time_s is None else f"{row.time_s:.1f} s")

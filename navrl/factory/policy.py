@@ -14,6 +14,7 @@ from torchrl.envs import TransformedEnv
 
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.deprecation import renamed_keys
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
@@ -111,7 +112,7 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
     """Return a copy of ``cfg`` with a bundle's parts, modified by ``cfg.change``."""
     own = {part: config[part] for part in PARTS}
-    return _replaced(cfg, OmegaConf.merge(own, cfg.change))
+    return _replaced(cfg, OmegaConf.merge(own, _change(cfg)))
 
 
 def policy_name(cfg: DictConfig) -> str:
@@ -178,7 +179,12 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
     """
     node = controller_node(cfg.policy) if node is None else node
     changed = {part: cfg[part] for part in PARTS if part in cfg.change}
-    return _replaced(cfg, OmegaConf.merge({"controller": node, **changed}, cfg.change))
+    parts = {"controller": renamed_keys(node), **changed}
+    return _replaced(cfg, OmegaConf.merge(parts, _change(cfg)))
+
+
+def _change(cfg: DictConfig) -> dict:
+    return renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
 
 
 def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:

@@ -9,9 +9,10 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
 from navrl import keys
+from navrl.deprecation import warn
 from navrl.networks.encoder import Shapes
 from navrl.networks.mlp import mlp
-from navrl.networks.restraint import restrain
+from navrl.networks.saturation import penalize_saturation
 
 Encoder = Callable[..., nn.Module]
 
@@ -25,7 +26,7 @@ class ActorNetwork(nn.Module):
         hidden: Hidden layer sizes of the output module.
         with_attention: Whether to return the attention weights after the action.
         saturation_penalty: Weight of the tanh saturation penalty in training; see
-            :func:`navrl.networks.restraint.restrain`.
+            :func:`navrl.networks.saturation.penalize_saturation`.
 
     Raises:
         ValueError: If ``saturation_penalty`` is negative.
@@ -55,7 +56,7 @@ class ActorNetwork(nn.Module):
         """Return the action ``[*B, action_size]`` and, if requested, the attention weights."""
         feature, *weights = self.encoder(*inputs)
         action = in_float32(self.output, feature)
-        action = torch.tanh(restrain(action, self.saturation_penalty))
+        action = torch.tanh(penalize_saturation(action, self.saturation_penalty))
         return (action, *weights) if self.with_attention else action
 
 
@@ -92,16 +93,21 @@ class CriticNetwork(nn.Module):
 
     def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
         """Return the Q-value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
-        return self.judge(action, self.encode(*inputs))
+        return self.q_value(action, self.encode(*inputs))
 
     def encode(self, *inputs: Tensor) -> Tensor:
         """Return the feature ``[*B, n]`` of the observation, independent of the action."""
         return in_float32(self.observation, self.encoder(*inputs)[0])
 
-    def judge(self, action: Tensor, feature: Tensor) -> Tensor:
+    def q_value(self, action: Tensor, feature: Tensor) -> Tensor:
         """Return the Q-value ``[*B, 1]`` of ``action`` given the ``feature`` of :meth:`encode`."""
         action = in_float32(self.action, action)
         return in_float32(self.output, torch.cat([feature, action], dim=-1))
+
+    def judge(self, action: Tensor, feature: Tensor) -> Tensor:
+        """Deprecated name of :meth:`q_value`."""
+        warn("CriticNetwork.judge", "use q_value")
+        return self.q_value(action, feature)
 
 
 def _layers(in_features: int, sizes: Sequence[int]) -> tuple[nn.Module, int]:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from navrl.deprecation import renamed_arguments
+
 FAR = 100.0
 """Coordinate assigned to points that are no obstacle, m."""
 
@@ -47,13 +49,14 @@ def sample_commands(
     return torch.cartesian_prod(speeds, turns)
 
 
+@renamed_arguments(least="min_displacement", most="max_displacement")
 def point_motion(
     points: Tensor,
     tagd: Tensor,
     valid: Tensor,
     *,
-    least: float,
-    most: float,
+    min_displacement: float,
+    max_displacement: float,
     group_radius: float,
 ) -> Tensor:
     """Return the predicted displacement of each point in one step, from the group descriptors.
@@ -65,9 +68,9 @@ def point_motion(
         points: ``[N, P, 2]`` m, robot frame.
         tagd: ``[N, G, 4]`` m, (c_{t-1}, c_t) in the same frame.
         valid: ``[N, G, 2]`` bool, whether the group at t-1 / t has points.
-        least: Smallest displacement of a moving group, m per step; less is treated as noise of scan
+        min_displacement: Smallest displacement of a moving group, m per step; less is noise of scan
             and alignment.
-        most: Largest displacement of a moving group, m per step; more is treated as a mismatch.
+        max_displacement: Largest displacement of a moving group, m per step; more is a mismatch.
         group_radius: Radius around c_t within which points move with the group, m.
 
     Returns:
@@ -76,13 +79,14 @@ def point_motion(
     Example:
         >>> points, moving = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[[1.1, 0.0, 1.0, 0.0]]])
         >>> valid = torch.ones(1, 1, 2, dtype=torch.bool)
-        >>> point_motion(points, moving, valid, least=0.05, most=0.5, group_radius=0.25)
+        >>> limits = {"min_displacement": 0.05, "max_displacement": 0.5}  # m
+        >>> point_motion(points, moving, valid, **limits, group_radius=0.25)
         tensor([[[-0.1000,  0.0000]]])
     """
     before, now = tagd.split(2, dim=-1)
     motion = now - before
     length = motion.norm(dim=-1)
-    moved = valid.all(-1) & (length > least) & (length < most)
+    moved = valid.all(-1) & (length > min_displacement) & (length < max_displacement)
     gap = torch.cdist(points, torch.where(moved.unsqueeze(-1), now, -FAR))
     nearest, group = gap.min(dim=-1, keepdim=True)
     carried = motion.gather(1, group.expand(*group.shape[:-1], 2))

@@ -100,7 +100,7 @@ class BulletSimulator(Simulator):
         if self.pedestrians.is_reactive:  # otherwise the tick determines their positions
             shape = (self.num_worlds, self.max_pedestrians, 5)
             self._rows["boxes"] = torch.full(shape, torch.nan, **real)
-        self._rests = torch.zeros(self.num_worlds, dtype=torch.bool)
+        self._skipped = torch.zeros(self.num_worlds, dtype=torch.bool)
         self._scans = torch.empty(self.num_worlds, lidar.num_beams)
         self._is_scanned = torch.zeros(self.num_worlds, dtype=torch.bool)  # saved scan is valid
         self._scenarios = ScenarioRows(self.num_worlds, self.max_pedestrians)
@@ -120,7 +120,7 @@ class BulletSimulator(Simulator):
         self._rows["pose"][worlds] = scenarios.start.double()
         for name in ("velocity", "tick", "contact"):
             self._rows[name][worlds] = 0
-        self._rests[worlds] = False
+        self._skipped[worlds] = False
         self._is_scanned[worlds] = False
         if self.pedestrians.is_reactive:
             self._rows["boxes"][worlds] = self._scripted(0, 1)[worlds, 0]
@@ -160,7 +160,7 @@ class BulletSimulator(Simulator):
         self._check_ready()
         self.check_command(command)
         older, newer = (given.tolist() for given in self.commands.push(command.detach().double()))
-        moves = (self._rows["contact"] == NONE) & ~self._rests
+        moves = (self._rows["contact"] == NONE) & ~self._skipped
         self._is_scanned &= ~moves & (not self.scan_memory.is_used)
         tracks = self._tracks()
         seen = self.scan_memory.next() if self.scan_memory.is_used else None
@@ -185,8 +185,8 @@ class BulletSimulator(Simulator):
         shares = torch.arange(self.substeps + 1, dtype=torch.float64) / self.substeps
         return boxes_along(legs, boxes, scripted, shares)
 
-    def rest(self, worlds: Tensor) -> None:
-        self._rests = worlds.cpu().clone()
+    def skip(self, worlds: Tensor) -> None:
+        self._skipped = worlds.cpu().clone()
 
     def _drive(
         self, world: int, older: list[float], newer: list[float], track: list[list[list[float]]]
@@ -277,7 +277,7 @@ class BulletSimulator(Simulator):
         self._scenarios.load_state_dict(state)
         self._rows = {name: state[name].to(rows.dtype).clone() for name, rows in self._rows.items()}
         self.load_clock_state(state)
-        self._rests.zero_()
+        self._skipped.zero_()
         self._is_scanned.zero_()
         self._build(list(range(self.num_worlds)))
 

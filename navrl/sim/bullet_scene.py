@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from torch import Tensor
 
-from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, blame
+from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, classify_contact
 from navrl.ops.raycast import beam_directions
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
@@ -172,7 +172,7 @@ class Scene:
             if body not in self._pedestrians:
                 return STATIC
             if result != PEDESTRIAN:
-                result = blame(x, y, math.cos(heading), math.sin(heading), speed, *point)
+                result = classify_contact(x, y, math.cos(heading), math.sin(heading), speed, *point)
         return result
 
     def _touched_point(self, body: int) -> tuple[float, float] | None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from navrl.deprecation import warn
 from navrl.ops.backend import find_device
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import CommandQueue, Delays, ScanMemory
@@ -146,7 +147,7 @@ class Simulator(ABC):
             RuntimeError: If the world has not been reset yet.
         """
 
-    def rest(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
+    def skip(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
         """Mark finished worlds; a simulator may skip them until reset.
 
         Skipped worlds are frozen as after a contact and report the same scan.
@@ -154,6 +155,11 @@ class Simulator(ABC):
         Args:
             worlds: [N] bool.
         """
+
+    def rest(self, worlds: Tensor) -> None:
+        """Deprecated name of :meth:`skip`."""
+        warn("Simulator.rest", "use skip")
+        self.skip(worlds)
 
     @abstractmethod
     def state_dict(self) -> dict[str, Tensor]:

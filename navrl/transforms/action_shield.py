@@ -9,6 +9,7 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from navrl import keys
+from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap, check_positive
@@ -16,7 +17,7 @@ from navrl.transforms.observation_map import Keys
 
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
 _MAX_TIMES = 100
-_SAME_ROOM = 1e-3
+_ROOM_TOLERANCE = 1e-3
 """Clearances that differ by less than this are equal, m; far below the noise of a range."""
 
 
@@ -47,8 +48,9 @@ class ActionShield(ActionMap):
         margin: Required clearance between hull and points, m.
         num_speeds: Number of speeds of the grid.
         num_turn_rates: Number of turn rates of the grid; odd, so that zero is one of them.
-        least_speed: Slower descriptors are treated as stationary, m/s; noise of scan and alignment.
-        most_speed: Faster descriptors are treated as mismatches, m/s.
+        min_descriptor_speed: Slower descriptors are treated as stationary, m/s; their motion is
+            noise of scan and alignment.
+        max_descriptor_speed: Faster descriptors are treated as mismatches, m/s.
         group_radius: Radius around a moving centroid within which points move with it, m.
         scan_keys: Points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]`` bool, descriptors
             ``[*B, G, 4]`` m and validity of their halves ``[*B, G, 2]`` bool, at the time of the
@@ -72,6 +74,7 @@ class ActionShield(ActionMap):
         (Fox et al. 1997) among points that move with their TAGDs.
     """
 
+    @renamed_arguments(least_speed="min_descriptor_speed", most_speed="max_descriptor_speed")
     def __init__(
         self,
         radius: float = 0.178,
@@ -84,8 +87,8 @@ class ActionShield(ActionMap):
         margin: float = 0.03,
         num_speeds: int = 11,
         num_turn_rates: int = 25,
-        least_speed: float = 0.3,
-        most_speed: float = 1.5,
+        min_descriptor_speed: float = 0.3,
+        max_descriptor_speed: float = 1.5,
         group_radius: float = 0.3,
         scan_keys: Keys = (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
         action_key: NestedKey | list[str] = keys.ACTION,
@@ -104,14 +107,15 @@ class ActionShield(ActionMap):
                 f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
                 "must satisfy min_speed < max_speed"
             )
-        if not 0.0 < least_speed < most_speed:
+        if not 0.0 < min_descriptor_speed < max_descriptor_speed:
             raise ValueError(
-                f"least_speed={least_speed}, most_speed={most_speed}: "
-                "must satisfy 0 < least_speed < most_speed"
+                f"min_descriptor_speed={min_descriptor_speed}, "
+                f"max_descriptor_speed={max_descriptor_speed}: "
+                "must satisfy 0 < min_descriptor_speed < max_descriptor_speed"
             )
         count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
-        self.speed_range = (least_speed, most_speed)
+        self.speed_range = (min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
         self.times = [horizon * k / count for k in range(count + 1)]
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
@@ -134,9 +138,14 @@ class ActionShield(ActionMap):
         self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
     ) -> Tensor:
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
-        least, most = (speed * self.time_step for speed in self.speed_range)
+        smallest, largest = (speed * self.time_step for speed in self.speed_range)
         motion = point_motion(
-            points, tagd.float(), valid, least=least, most=most, group_radius=self.group_radius
+            points,
+            tagd.float(),
+            valid,
+            min_displacement=smallest,
+            max_displacement=largest,
+            group_radius=self.group_radius,
         )
         blocked = self._room(command.unsqueeze(1), points, motion)[:, 0] <= self.margin
         rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
@@ -150,8 +159,8 @@ class ActionShield(ActionMap):
         grid = self._grid.to(command).expand(len(command), -1, -1)
         candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
         room = self._room(candidates, points, motion)
-        most = room.amax(-1, keepdim=True)
-        enough = torch.where(most > self.margin, self.margin, most - _SAME_ROOM)
+        largest = room.amax(-1, keepdim=True)
+        enough = torch.where(largest > self.margin, self.margin, largest - _ROOM_TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
         nearest = torch.where(room > enough, change.square().sum(-1), math.inf).argmin(-1)
         return candidates[torch.arange(len(command), device=command.device), nearest]

@@ -11,6 +11,13 @@ from torch import Tensor
 
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
 
+KINDS = (
+    *("corridor", "intersection", "office", "other"),
+    *("frontal_approach", "overtaking", "crossing", "blind_corner", "narrow_doorway"),
+    *("narrow_hallway", "obstructed_doorway", "circular_crossing"),
+)
+"""Deprecated: the kinds of worlds of version 0.1; a batch lists its own in ``kinds``."""
+
 
 @dataclass(frozen=True)
 class ScenarioBatch:

@@ -101,7 +101,7 @@ def test_outcome_codes_are_those_in_files():
         (Contact.NONE, 0.21, True, Outcome.TIMEOUT),
         (Contact.NONE, 0.1, True, Outcome.SUCCESS),
         (Contact.PEDESTRIAN, 0.1, True, Outcome.COLLISION_PEDESTRIAN),
-        (Contact.RUN_INTO, 1.0, False, Outcome.COLLISION_PEDESTRIAN),
+        (Contact.HIT_BY_PEDESTRIAN, 1.0, False, Outcome.COLLISION_PEDESTRIAN),
         (Contact.STATIC, 0.1, False, Outcome.COLLISION_STATIC),
     ],
 )

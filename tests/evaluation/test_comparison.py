@@ -98,7 +98,7 @@ def test_the_three_files_say_the_same(tmp_path):
     assert "3 (1 errors)" in files[0].read_text()
     rows = list(csv.DictReader(io.StringIO(files[1].read_text())))
     assert [row["policy"] for row in rows] == ["paper", "oracle"]
-    assert rows[1]["cheats"] == "1" and rows[0]["success_difference"] == ""
+    assert rows[1]["privileged"] == "1" and rows[0]["success_difference"] == ""
     (stored,) = json.loads(files[2].read_text())
     assert [row["rates"]["success"] for row in stored["rows"]] == [1.0, pytest.approx(2 / 3)]
     assert comma_separated(tables) == files[1].read_text()

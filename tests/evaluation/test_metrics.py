@@ -10,7 +10,7 @@ from navrl.evaluation.metrics import METRICS, measure
 from navrl.sim import Contact
 
 HIT = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.PEDESTRIAN}
-RUN_INTO = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.RUN_INTO}
+HIT_BY_PEDESTRIAN = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.HIT_BY_PEDESTRIAN}
 STATIC = {"outcome": Outcome.COLLISION_STATIC, "contact": Contact.STATIC}
 LATE = {"outcome": Outcome.TIMEOUT}
 WALL, SHELF = (2.0, 0.0, 0.1, 1.0, 0.0), (1.0, 0.5, 0.1, 0.1, 0.0)
@@ -21,7 +21,7 @@ def value(metric, *positions, **options):
     return found
 
 
-ENDINGS = ("success", "timeout", "collision", "moved_into_pedestrian", "run_into")
+ENDINGS = ("success", "timeout", "collision", "moved_into_pedestrian", "hit_by_pedestrian")
 ENDINGS = (*ENDINGS, "collision_wall", "collision_furniture")
 
 
@@ -31,7 +31,7 @@ ENDINGS = (*ENDINGS, "collision_wall", "collision_furniture")
         ({}, {"success"}),
         (LATE, {"timeout"}),
         (HIT, {"collision", "moved_into_pedestrian"}),
-        (RUN_INTO, {"collision", "run_into"}),
+        (HIT_BY_PEDESTRIAN, {"collision", "hit_by_pedestrian"}),
         (STATIC, {"collision", "collision_wall"}),  # the shelf is farther
         ({**STATIC, "boxes": [SHELF, WALL], "furniture": 1}, {"collision", "collision_furniture"}),
         ({**STATIC, "boxes": []}, {"collision", "collision_wall"}),
@@ -141,7 +141,7 @@ def test_distances_to_people_are_between_surfaces():
     assert value(metrics.beyond_personal, *xs, **drive) == 0.0
     far = {"people": [[standing(3.0, 0.0)] * 3]}
     assert value(metrics.beyond_personal, *xs, **far) == 1.0
-    assert value(metrics.min_pedestrian_distance, *xs, **{**far, **RUN_INTO}) == 0.0
+    assert value(metrics.min_pedestrian_distance, *xs, **{**far, **HIT_BY_PEDESTRIAN}) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,8 @@ def test_recording_changes_no_result(tmp_path, policy, simulator):
 
 @pytest.mark.parametrize("simulator", ["batched", "bullet"])
 @pytest.mark.parametrize(
-    "policy, contact", [("stand_still", "run_into"), ("pure_pursuit", "moved_into_pedestrian")]
+    "policy, contact",
+    [("stand_still", "hit_by_pedestrian"), ("pure_pursuit", "moved_into_pedestrian")],
 )
 def test_recordings_measure_what_the_evaluation_did(tmp_path, policy, contact, simulator):
     """Every metric of every episode, whoever moved into whom, in whichever row it was played."""

@@ -89,8 +89,10 @@ def test_keeps_who_moved_into_whom(env, scenario):
     walker = Pedestrian(scenario.path[[30, 0]], 1.0, 0.0)  # straight over the robot, which stands
     scene = dataclasses.replace(scenario, pedestrians=(walker,))
     found = record_episode(env, StandStill(robot), scene)
-    assert found.contact == Contact.RUN_INTO
-    assert measure(Trajectory.from_recordings([found], robot.max_speed))["run_into"] == [1.0]
+    assert found.contact == Contact.HIT_BY_PEDESTRIAN
+    assert measure(Trajectory.from_recordings([found], robot.max_speed))["hit_by_pedestrian"] == [
+        1.0
+    ]
 
 
 def test_recordings_of_different_robots_are_not_stacked(recording):

@@ -7,6 +7,7 @@ import pytest
 from evaluated import HIT, LATE, WON, write_evaluation
 
 from navrl.evaluation import (
+    Evaluation,
     compare,
     find_evaluations,
     holm,
@@ -14,8 +15,9 @@ from navrl.evaluation import (
     metrics_markdown,
     write_comparison,
 )
+from navrl.evaluation.metrics import METRICS
 
-KINDS = ("collision_wall", "collision_furniture", "moved_into_pedestrian", "run_into")
+KINDS = ("collision_wall", "collision_furniture", "moved_into_pedestrian", "hit_by_pedestrian")
 
 
 def tables_of(folder, **runs):
@@ -132,27 +134,49 @@ def test_other_episodes_than_the_frozen_ones_have_no_published_figures(tmp_path)
     assert [row["frozen"] for row in rows] == ["0", "1", "1"]
 
 
+def test_metric_names_of_version_0_1_are_read_and_accepted(tmp_path):
+    flags = {name: ["0"] * 2 for name in KINDS[:-1]} | {"run_into": ["0", "1"]}
+    metrics = {"run_into": {"n": 2, "mean": 0.5, "compared": True}}
+    folder = tmp_path / "mine"
+    write_evaluation(folder, "mine", [WON, HIT], columns=flags, run_into=1, metrics=metrics)
+    evaluation = Evaluation.load(folder)
+    assert evaluation.summary["hit_by_pedestrian"] == 1
+    assert evaluation.finite("hit_by_pedestrian") == {0: 0.0, 1: 1.0}
+    assert [metric.name for metric in evaluation.metrics] == [metric.name for metric in METRICS]
+    (table,) = compare([evaluation])
+    assert table.rows[0].rates["hit_by_pedestrian"] == 0.5
+    with pytest.warns(DeprecationWarning, match="use hit_by_pedestrian"):
+        assert "hit_by_pedestrian" in metrics_markdown(table, ["run_into"])
+    with pytest.warns(DeprecationWarning, match="cheats is deprecated: use is_privileged"):
+        assert table.rows[0].cheats is False
+
+
 def test_collisions_are_told_apart(tmp_path):
     flags = {name: ["0"] * 4 for name in KINDS}
-    flags["run_into"] = ["0", "1", "1", ""]  # empty after an error, in files from before
+    flags["hit_by_pedestrian"] = ["0", "1", "1", ""]  # empty after an error, in files from before
     outcomes = [WON, HIT, HIT, "error"]
     write_evaluation(tmp_path / "a", "mine", outcomes, columns=flags)
     write_evaluation(tmp_path / "b", "older", [WON, WON, HIT, HIT])
-    flags = {**flags, "run_into": ["0"] * 4, "collision_wall": ["0", "0", "0", "1"]}
+    flags = {**flags, "hit_by_pedestrian": ["0"] * 4, "collision_wall": ["0", "0", "0", "1"]}
     write_evaluation(tmp_path / "c", "dwa", [WON, WON, WON, "collision_static"], columns=flags)
     (table,) = compare(find_evaluations([tmp_path]))
     rows = rows_of(table)
     assert [rows["mine"].rates[name] for name in KINDS] == [0.0, 0.0, 0.0, 0.5]
-    assert rows["mine"].intervals["run_into"] == pytest.approx((0.1500, 0.8500), abs=1e-4)
+    assert rows["mine"].intervals["hit_by_pedestrian"] == pytest.approx((0.1500, 0.8500), abs=1e-4)
     assert rows["older"].rates.keys() == {"success", "collision", "timeout"}
     assert (table.reference, rows["dwa"].rates["collision_wall"]) == ("dwa", 0.25)
     text = markdown(table)
     assert "| `mine` | 0.0 % [0.0, 49.0] | 0.0 % [0.0, 49.0] | 0.0 % [0.0, 49.0] | 50.0 % [" in text
     files = write_comparison([table], tmp_path)
     by_policy = {row["policy"]: row for row in read(files[1])}
-    assert (by_policy["mine"]["run_into_rate"], by_policy["older"]["run_into_rate"]) == ("0.5", "")
+    assert (
+        by_policy["mine"]["hit_by_pedestrian_rate"],
+        by_policy["older"]["hit_by_pedestrian_rate"],
+    ) == ("0.5", "")
     (row,) = (
-        row for row in read(files[3]) if (row["policy"], row["metric"]) == ("mine", "run_into")
+        row
+        for row in read(files[3])
+        if (row["policy"], row["metric"]) == ("mine", "hit_by_pedestrian")
     )
     assert (row["mean"], row["mean_n"], row["common_n"]) == ("0.5", "4", "0")
     assert float(row["mean_low"]) == pytest.approx(0.15, abs=1e-4)

@@ -18,7 +18,7 @@ FIRST = dict.fromkeys(NAMES) | {
     "min_time_to_collision_s": math.inf,
 }
 SETTING = {
-    "run_into": True,
+    "hit_by_pedestrian": True,
     "noise_seed": 9,
     "num_dynamic": 2,
     "num_static": 1,
@@ -41,7 +41,7 @@ METRICS = (
 NO_METRICS = "," * METRICS.count(",")
 ERROR_METRICS = f"0,0,0,0,0,0,,0.000000,0.000000{',' * 13}"  # no success, and no contact is known
 CSV = f"""\
-index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,\
+index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,hit_by_pedestrian,solved,\
 noise_seed,num_dynamic,num_static,pedestrian_speed_mps,{METRICS},error
 0,corridor,success,40,8.000000,7.123457,0.250000,0,,0,0,0,,\
 1,,,,,,8.000000,{"," * 14}inf,
@@ -67,7 +67,7 @@ def test_summary_counts_every_episode():
     assert result["collision_pedestrian_rate"] == pytest.approx(1 / 6, abs=1e-6)
     assert result["collision_static_rate"] == pytest.approx(1 / 6, abs=1e-6)
     assert result["timeout_interval"] == pytest.approx(wilson_interval(1, 6), abs=1e-6)
-    assert (result["errors"], result["run_into"], result["successes"]) == (1, 1, 2)
+    assert (result["errors"], result["hit_by_pedestrian"], result["successes"]) == (1, 1, 2)
     names = ("policy", "suite", "suite_hash", "simulator")
     assert [result[name] for name in names] == ["p", "s", "0f", "BatchedSimulator"]
 

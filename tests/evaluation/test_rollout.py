@@ -124,7 +124,9 @@ def test_the_distance_at_the_start_counts(envs):
 
 
 def test_tells_who_moved_into_whom(records):
-    assert [record.run_into for record in records] == [i == 4 for i in range(len(EPISODES))]
+    assert [record.hit_by_pedestrian for record in records] == [
+        i == 4 for i in range(len(EPISODES))
+    ]
 
 
 @pytest.mark.parametrize("policy", [straight, wobbling])

@@ -13,7 +13,7 @@ from navrl.networks import (
     make_actor,
     make_critic,
 )
-from navrl.networks.restraint import restrain
+from navrl.networks.saturation import penalize_saturation
 
 SHAPES = {
     "spatial": (180, 2),
@@ -144,13 +144,13 @@ def test_bad_sizes_are_named():
 @pytest.mark.parametrize("weight", [0.0, 0.3])
 def test_restraint_is_the_identity_with_the_gradient_of_a_penalty(weight):
     value = torch.randn(5, 2, requires_grad=True)
-    assert torch.equal(restrain(value, weight), value)
-    (gradient,) = torch.autograd.grad((restrain(value, weight) ** 3).mean(), value)
+    assert torch.equal(penalize_saturation(value, weight), value)
+    (gradient,) = torch.autograd.grad((penalize_saturation(value, weight) ** 3).mean(), value)
     loss = (value**3).mean() + weight * value.square().sum(-1).mean()
     torch.testing.assert_close(gradient, torch.autograd.grad(loss, value)[0])
 
 
 def test_a_saturated_actor_is_pulled_back():
     value = torch.full((4, 2), 30.0, requires_grad=True)
-    (gradient,) = torch.autograd.grad(torch.tanh(restrain(value, 0.01)).mean(), value)
+    (gradient,) = torch.autograd.grad(torch.tanh(penalize_saturation(value, 0.01)).mean(), value)
     assert (gradient > 0).all()

@@ -202,7 +202,7 @@ def test_window_takes_any_batch_shape():
         ("num_turn_rates", 4),
         ("num_speeds", 1),
         ("margin", -1),
-        ("most_speed", 0.1),
+        ("max_descriptor_speed", 0.1),
         ("horizon_steps", 0),
         ("group_radius", 0.0),
     ],

@@ -146,7 +146,7 @@ def test_driving_into_somebody_who_stands():
 def test_somebody_walks_into_a_standing_robot():
     sim = placed(scene(pedestrians=[walker((1.0, 0.0), (-1.0, 0.0), speed=1.0)]))
     state = drive(sim, 0.0, 0.0, steps=5)
-    assert state.contact[0] == Contact.RUN_INTO
+    assert state.contact[0] == Contact.HIT_BY_PEDESTRIAN
     assert state.time_s[0] == pytest.approx(0.68)  # 1.0 - 0.15 - 0.178 = 0.672
     assert state.pedestrians[0, 0, 0] == pytest.approx(0.32, abs=1e-6)
 
@@ -155,10 +155,10 @@ def test_somebody_walks_into_a_standing_robot():
     ("yaw", "v", "contact"),
     [
         (0.0, 0.5, Contact.PEDESTRIAN),  # towards one another
-        (0.0, 0.04, Contact.RUN_INTO),  # hardly moving
-        (math.pi, 0.5, Contact.RUN_INTO),  # overtaken from behind
+        (0.0, 0.04, Contact.HIT_BY_PEDESTRIAN),  # hardly moving
+        (math.pi, 0.5, Contact.HIT_BY_PEDESTRIAN),  # overtaken from behind
         (math.pi / 2 - 0.3, 0.3, Contact.PEDESTRIAN),
-        (math.pi / 2 + 0.3, 0.3, Contact.RUN_INTO),
+        (math.pi / 2 + 0.3, 0.3, Contact.HIT_BY_PEDESTRIAN),
     ],
 )
 def test_who_is_to_blame(yaw, v, contact):
@@ -174,7 +174,7 @@ def test_a_robot_that_backs_up_is_to_blame_behind():
     assert drive(sim, -1.0, 0.0, steps=3).contact[0] == Contact.PEDESTRIAN
 
 
-@pytest.mark.parametrize(("x", "contact"), [(0.2, Contact.RUN_INTO), (0.25, Contact.NONE)])
+@pytest.mark.parametrize(("x", "contact"), [(0.2, Contact.HIT_BY_PEDESTRIAN), (0.25, Contact.NONE)])
 def test_contact_between_steps(x, contact):
     """Somebody thin crosses ahead within 0.2 s: at neither end of the step does anything touch."""
     person = walker((x, -0.4), (x, 5.0), speed=4.0, half_size=(0.05, 0.05))

@@ -92,7 +92,7 @@ def test_a_lidar_inside_of_a_box_reads_zero(place):
     simulator = place(scene([thick]), scene(pedestrians=[stander(0.0, 0.0)]), scene())
     assert simulator.ranges().amax(1).tolist() == [0.0, 0.0, 3.5]
     contact = drive(simulator, 0.0, 0.0).contact
-    assert contact.tolist() == [Contact.STATIC, Contact.RUN_INTO, Contact.NONE]
+    assert contact.tolist() == [Contact.STATIC, Contact.HIT_BY_PEDESTRIAN, Contact.NONE]
 
 
 def test_more_beams_than_one_request_takes(place):
@@ -131,7 +131,7 @@ def test_contact_classes_and_freeze(place):
     command = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.5, 0.0]])
     for _ in range(4):
         state = simulator.step(command)
-    assert state.contact.tolist() == [Contact.PEDESTRIAN, Contact.RUN_INTO, Contact.STATIC]
+    assert state.contact.tolist() == [Contact.PEDESTRIAN, Contact.HIT_BY_PEDESTRIAN, Contact.STATIC]
     # 0.45 - 0.15 - 0.178 = 0.122 m away: reached at the 7th substep of 0.02 m
     assert state.time_s.tolist() == pytest.approx([0.14, 0.28, 0.46])
     assert state.pose[0].tolist() == pytest.approx([0.14, 0.0, 0.0])
@@ -337,7 +337,7 @@ def test_a_world_that_rests_stays_as_it_is(place):
     simulator = place(scene(pedestrians=[walk]), scene(pedestrians=[walk]))
     drive(simulator, 0.2, 0.0)
     rested, before = simulator.state(), simulator.ranges()
-    simulator.rest(torch.tensor([True, False]))
+    simulator.skip(torch.tensor([True, False]))
     drive(simulator, 0.2, 0.0, steps=3)
     after = simulator.state()
     for then, now in (

@@ -126,7 +126,7 @@ def check_variety(tally):
     """The episodes must have been worth comparing."""
     assert tally.contacts[Contact.STATIC] >= tally.episodes / 10
     assert tally.contacts[Contact.PEDESTRIAN] >= tally.episodes / 20
-    assert tally.contacts[Contact.RUN_INTO] >= tally.episodes / 20
+    assert tally.contacts[Contact.HIT_BY_PEDESTRIAN] >= tally.episodes / 20
     assert tally.differing <= 5e-4 * tally.beams
 
 

@@ -46,15 +46,15 @@ def driven(scan: TensorDict, v: float, w: float = 0.0, **kwargs) -> tuple[float,
 def hull_gap(command: tuple[float, float], point, motion=(0.0, 0.0), horizon: float = 0.4) -> float:
     """Return m between hull and point at the closest, by small steps of an integration."""
     x = y = yaw = 0.0
-    least, step = math.inf, 1e-3
+    smallest, step = math.inf, 1e-3
     for k in range(round(horizon / step)):
         yaw += 0.5 * command[1] * step
         x, y = x + command[0] * math.cos(yaw) * step, y + command[0] * math.sin(yaw) * step
         yaw += 0.5 * command[1] * step
         t = (k + 1) * step / 0.2
         gap = math.hypot(point[0] + motion[0] * t - x, point[1] + motion[1] * t - y)
-        least = min(least, gap)
-    return least - RADIUS
+        smallest = min(smallest, gap)
+    return smallest - RADIUS
 
 
 @pytest.mark.parametrize("command", [(1.0, 0.0), (0.0, 3.14), (0.371, -1.234)])
@@ -186,7 +186,7 @@ def test_only_points_around_a_moved_group_move():
     points = torch.tensor([[[1.0, 0.0], [1.2, 0.0], [1.4, 0.0]]])
     tagd = torch.tensor([[[0.9, 0.0, 1.0, 0.0], [2.0, 0.0, 2.0, 0.0]]])
     valid = torch.ones(1, 2, 2, dtype=torch.bool)
-    kind = {"least": 0.05, "most": 0.3, "group_radius": 0.3}
+    kind = {"min_displacement": 0.05, "max_displacement": 0.3, "group_radius": 0.3}
     motion = point_motion(points, tagd, valid, **kind)
     torch.testing.assert_close(motion[0, :, 0], torch.tensor([0.1, 0.1, 0.0]))
     assert motion[..., 1].abs().max() == 0.0
@@ -199,7 +199,9 @@ def test_motion_between_least_and_most_counts(step, moves):
     points = torch.tensor([[[1.0, 0.0]]])
     tagd = torch.tensor([[[1.0, step, 1.0, 0.0]]])
     valid = torch.ones(1, 1, 2, dtype=torch.bool)
-    motion = point_motion(points, tagd, valid, least=0.05, most=0.3, group_radius=0.3)
+    motion = point_motion(
+        points, tagd, valid, min_displacement=0.05, max_displacement=0.3, group_radius=0.3
+    )
     torch.testing.assert_close(motion[0, 0], torch.tensor([0.0, -step if moves else 0.0]))
 
 
@@ -294,7 +296,7 @@ def test_missing_key_is_named(key):
         ({"max_turn_rate": math.inf}, "max_turn_rate=inf: must be positive"),
         ({"margin": -0.1}, "margin=-0.1: must be >= 0"),
         ({"min_speed": 1.0}, "min_speed=1.0, max_speed=1.0: must satisfy min_speed < max_speed"),
-        ({"least_speed": 2.0}, "least_speed=2.0, most_speed=1.5"),
+        ({"min_descriptor_speed": 2.0}, "min_descriptor_speed=2.0, max_descriptor_speed=1.5"),
         ({"num_speeds": 1}, "num_speeds=1: must be at least 2"),
         ({"num_turn_rates": 24}, "num_turn_rates=24: must be odd"),
         ({"scan_keys": ["points"]}, "scan_keys=.*: must be 4 keys"),

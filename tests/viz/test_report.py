@@ -98,8 +98,8 @@ def test_without_the_reference_the_best_fair_one_is_compared_with(tmp_path):
 def test_collisions_are_told_apart_by_who_moved_and_what_was_touched(tmp_path):
     folder = tmp_path / "paper"
     write_evaluation(folder, "paper", [WON] + [HIT] * 3 + ["collision_static"] * 3 + [LATE])
-    names = ("run_into", "moved_into_pedestrian", "collision_wall", "collision_furniture")
-    told = {1: "run_into", 2: "moved_into_pedestrian", 4: "collision_wall"}
+    names = ("hit_by_pedestrian", "moved_into_pedestrian", "collision_wall", "collision_furniture")
+    told = {1: "hit_by_pedestrian", 2: "moved_into_pedestrian", 4: "collision_wall"}
     told[5] = "collision_furniture"
     with (folder / "episodes.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -197,10 +197,14 @@ def test_a_story_tells_who_moved_into_whom_and_where(recording):
         return episode_data("played", dataclasses.replace(hit, **changes), row)["story"]
 
     assert told(contact=Contact.PEDESTRIAN).startswith("The robot moved into a pedestrian after ")
-    assert told(contact=Contact.RUN_INTO).startswith("A pedestrian moved into the robot after ")
-    assert "; contact was 40° to the left of the robot's heading." in told(contact=Contact.RUN_INTO)
+    assert told(contact=Contact.HIT_BY_PEDESTRIAN).startswith(
+        "A pedestrian moved into the robot after "
+    )
+    assert "; contact was 40° to the left of the robot's heading." in told(
+        contact=Contact.HIT_BY_PEDESTRIAN
+    )
     assert "the at-fault party was not recorded" in told(contact=None)
-    row = {"outcome": HIT, "run_into": "1", "moved_into_pedestrian": "0"}
+    row = {"outcome": HIT, "hit_by_pedestrian": "1", "moved_into_pedestrian": "0"}
     assert told(row, contact=None).startswith("A pedestrian moved into the robot after ")
     scenario = json.loads(recording.scenario)
     static = {"outcome": "collision_static", "contact": Contact.STATIC}

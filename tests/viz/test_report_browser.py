@@ -128,7 +128,7 @@ def test_figures_show_numbers_where_the_mouse_is(browser):
 @pytest.fixture
 def two(tmp_path, chromium, recording, lost):
     """A page open in the browser: paper won one of two, dwa was run into and hit a wall."""
-    hit = dataclasses.replace(lost, outcome=HIT, contact=Contact.RUN_INTO)
+    hit = dataclasses.replace(lost, outcome=HIT, contact=Contact.HIT_BY_PEDESTRIAN)
     won = dataclasses.replace(lost, outcome=WON, contact=Contact.NONE)
     for policy, episodes in (("paper", (hit, won)), ("dwa", (hit, lost))):
         outcomes = [episode.outcome for episode in episodes]

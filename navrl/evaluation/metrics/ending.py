@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from navrl.deprecation import renamed_attributes
 from navrl.envs import Outcome
 from navrl.evaluation.metrics.trajectory import Trajectory
 from navrl.ops.distance import point_box_distance
@@ -48,13 +49,16 @@ def moved_into_pedestrian(trajectory: Trajectory) -> np.ndarray:
     return (trajectory.contact == Contact.PEDESTRIAN).astype(float)
 
 
-def run_into(trajectory: Trajectory) -> np.ndarray:
+def hit_by_pedestrian(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` whether a pedestrian moved into the robot.
 
     Reference:
         The other part of HC of Francis et al. 2023; counted as collisions too, as in the paper.
     """
-    return (trajectory.contact == Contact.RUN_INTO).astype(float)
+    return (trajectory.contact == Contact.HIT_BY_PEDESTRIAN).astype(float)
+
+
+__getattr__ = renamed_attributes(__name__, {"run_into": "hit_by_pedestrian"})
 
 
 def collision_wall(trajectory: Trajectory) -> np.ndarray:

@@ -20,7 +20,7 @@ def min_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
         DH_min of Francis et al. 2023 (arXiv 2306.16740).
     """
     found = np.where(trajectory.is_sample, _nearest(trajectory), np.inf).min(axis=1)
-    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.RUN_INTO))
+    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.HIT_BY_PEDESTRIAN))
     return np.where(touched, 0.0, found)
 
 
@@ -69,7 +69,7 @@ def min_time_to_collision(trajectory: Trajectory) -> np.ndarray:
     time_s = _time_to_contact(offset[:, 1:], approach, reach[:, 1:])
     counted = trajectory.is_whole_step[..., None] & ~np.isnan(time_s)
     found = np.where(counted, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
-    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.RUN_INTO))
+    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.HIT_BY_PEDESTRIAN))
     return np.where(touched, 0.0, found)
 
 

@@ -43,8 +43,8 @@ METRICS: tuple[Metric, ...] = (
         color="#D55E00",
     ),
     _touched(
-        "run_into",
-        function=ending.run_into,
+        "hit_by_pedestrian",
+        function=ending.hit_by_pedestrian,
         label="pedestrian moved into the robot",
         color="#CC79A7",
     ),
@@ -68,6 +68,9 @@ METRICS: tuple[Metric, ...] = (
     _row("min_time_to_collision_s", "s", people.min_time_to_collision, "higher"),
 )
 """Every metric of navrl, in the order of the columns."""
+
+RENAMED = {"run_into": "hit_by_pedestrian"}
+"""Names of metrics in files and commands of version 0.1, and their present names."""
 
 
 def values_of_error(metrics: Iterable[Metric] = METRICS) -> dict[str, float]:

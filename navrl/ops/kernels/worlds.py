@@ -26,7 +26,7 @@ import numpy as np
 
 from navrl.ops import contact as contacts
 from navrl.ops import unicycle
-from navrl.ops.contact import NONE, RUN_INTO, STATIC
+from navrl.ops.contact import HIT_BY_PEDESTRIAN, NONE, STATIC
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.pedestrians import (
     distance,
@@ -39,7 +39,7 @@ from navrl.ops.kernels.rays import cast_box
 advance_pose = scalar(unicycle.advance_pose)
 approach_velocity = scalar(unicycle.approach_velocity)
 nearest_point_on_box = scalar(contacts.nearest_point_on_box)
-blame = scalar(contacts.blame)
+classify_contact = scalar(contacts.classify_contact)
 
 _SLACK = 1e-6  # m; margin so that rounding never culls a box in contact
 
@@ -71,7 +71,7 @@ def touched_wall(x, y, radius, walls, near, num_near):
 
 @scalar
 def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
-    """Return NONE, PEDESTRIAN or RUN_INTO for the pedestrians listed in ``near``.
+    """Return NONE, PEDESTRIAN or HIT_BY_PEDESTRIAN for the pedestrians listed in ``near``.
 
     The disc at (x, y) travels in direction ``heading``, world, at ``speed``.
     """
@@ -80,8 +80,8 @@ def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
         cx, cy, hx, hy, turn = boxes[near[index]]
         px, py = nearest_point_on_box(x, y, cx, cy, hx, hy, math.cos(turn), math.sin(turn))
         if distance(px - x, py - y) <= radius:
-            verdict = blame(x, y, math.cos(heading), math.sin(heading), speed, px, py)
-            if result in (NONE, RUN_INTO):
+            verdict = classify_contact(x, y, math.cos(heading), math.sin(heading), speed, px, py)
+            if result in (NONE, HIT_BY_PEDESTRIAN):
                 result = verdict
     return result
 

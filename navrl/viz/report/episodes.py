@@ -21,7 +21,7 @@ _STRAIGHT_DEG = 10.0  # smaller angles are described as straight ahead
 _STORIES = {
     "success": "The robot reached its goal after {seconds}.",
     "moved_into_pedestrian": "The robot moved into a pedestrian after {seconds}; contact was {at}.",
-    "run_into": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
+    "hit_by_pedestrian": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
     "collision_pedestrian": "Robot and pedestrian touched after {seconds}; contact was {at}; "
     "the at-fault party was not recorded.",
     "collision_wall": "The robot hit a wall after {seconds}; contact was {at}.",

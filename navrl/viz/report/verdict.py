@@ -20,7 +20,7 @@ def members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[E
 
 def headline(table: ComparisonTable) -> str:
     """Return the best policy and its success, without privileged ones and without full stop."""
-    best = next((row for row in table.rows if not row.cheats), None)
+    best = next((row for row in table.rows if not row.is_privileged), None)
     if best is None:
         return "Every controller here is privileged (reads the true state)"
     low, high = best.intervals["success"]
@@ -28,7 +28,7 @@ def headline(table: ComparisonTable) -> str:
     tied = [
         row.policy
         for row in table.rows
-        if not row.cheats and row.rates["success"] == best.rates["success"]
+        if not row.is_privileged and row.rates["success"] == best.rates["success"]
     ]
     if len(tied) > 1:
         names = f"{', '.join(tied[:-1])} and {tied[-1]}"
