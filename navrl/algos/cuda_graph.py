@@ -73,7 +73,7 @@ class CapturedUpdates:
         self._row = torch.zeros(1, dtype=torch.int64, device=self.device)  # of the next batch
         self._seen = torch.zeros((), pin_memory=self._on_cuda)  # host copy of the flag
         self._event: torch.cuda.Event | None = None  # end of the current copy of the flag
-        self._is_told = False
+        self._is_reported = False
         self.reset()
 
     def reset(self) -> None:
@@ -126,9 +126,9 @@ class CapturedUpdates:
             self._seen.copy_(self._failed)
         elif self._event is not None and not self._event.query():
             return None
-        if self._is_told or not bool(self._seen):
+        if self._is_reported or not bool(self._seen):
             return None
-        self._is_told = True
+        self._is_reported = True
         return dict(zip(self._names, self._scalars.unbind(), strict=True)), self._batch()
 
     def _launch(self, move: Move) -> None:

@@ -29,23 +29,23 @@ class Bar:
 
     Args:
         limit: Limit in the unit of the row.
-        is_least: Whether the limit is a lower bound; otherwise it is an upper bound.
+        is_lower_bound: Whether the limit is a lower bound; otherwise it is an upper bound.
     """
 
     limit: float
-    is_least: bool = True
+    is_lower_bound: bool = True
 
     def is_met_by(self, value: float) -> bool:
         """Return whether ``value`` reaches the bar."""
-        return value >= self.limit if self.is_least else value <= self.limit
+        return value >= self.limit if self.is_lower_bound else value <= self.limit
 
     def __str__(self) -> str:
-        return f"{'≥' if self.is_least else '≤'} {number(self.limit)}"
+        return f"{'≥' if self.is_lower_bound else '≤'} {number(self.limit)}"
 
 
 def at_most(limit: float) -> Bar:
     """Return a target with an upper bound."""
-    return Bar(limit, is_least=False)
+    return Bar(limit, is_lower_bound=False)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,11 @@ class Row:
 
     def to_dict(self) -> dict:
         """Return plain data."""
-        bar = None if self.bar is None else {"limit": self.bar.limit, "least": self.bar.is_least}
+        bar = (
+            None
+            if self.bar is None
+            else {"limit": self.bar.limit, "least": self.bar.is_lower_bound}
+        )
         return {
             "key": self.key,
             "label": self.label,

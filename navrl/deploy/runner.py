@@ -77,7 +77,7 @@ class PolicyRunner:
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         self.limits = SafetyLimits() if limits is None else limits
         self.state: DriveState | None = None
-        senses = TransformedEnv(_Senses(lidar, robot), transforms.clone())
+        senses = TransformedEnv(_SensorEnv(lidar, robot), transforms.clone())
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
         self._env, self._transform = senses, senses.transform
@@ -204,7 +204,7 @@ def _single(values: ArrayLike) -> np.ndarray:
         return np.asarray(values, dtype=np.float32)
 
 
-class _Senses(EnvBase):
+class _SensorEnv(EnvBase):
     """Observation and action specs of a robot for the transforms; it is never stepped."""
 
     def __init__(self, lidar: Lidar, robot: RobotModel) -> None:

@@ -276,13 +276,13 @@ def _failed(batch: ScenarioBatch, index: int, error: str) -> EpisodeRecord:
 
 def _setting(batch: ScenarioBatch, row: int) -> dict:
     """Return the properties of the scenario in ``row``."""
-    present, standing = batch.ped_present[row], batch.ped_static[row]
-    speeds = batch.ped_speed[row][present & ~standing]
+    present, static = batch.ped_present[row], batch.ped_static[row]
+    speeds = batch.ped_speed[row][present & ~static]
     return {
         "scenario": batch.kind_of(row),
         "noise_seed": int(batch.noise_seed[row]),
         "num_dynamic": len(speeds),
-        "num_static": int((present & standing).sum()),
+        "num_static": int((present & static).sum()),
         "pedestrian_speed_mps": float(speeds.mean()) if len(speeds) else None,
     }
 

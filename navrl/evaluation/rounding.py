@@ -8,7 +8,7 @@ import numpy as np
 
 from navrl import keys
 
-_MOST = np.iinfo(np.int16).max
+_MAX_STEPS = np.iinfo(np.int16).max
 _MARK = "@"  # between a name and its step
 _STEPS = {
     **dict.fromkeys(
@@ -28,7 +28,7 @@ def rounded(values: Mapping[str, object]) -> dict[str, object]:
     result: dict[str, object] = {}
     for name, value in values.items():
         step = _STEPS.get(name)
-        if step is None or not (np.abs(value) <= _MOST * step).all():
+        if step is None or not (np.abs(value) <= _MAX_STEPS * step).all():
             result[name] = value
         else:
             result[f"{name}{_MARK}{step}"] = np.rint(value.astype(np.float64) / step).astype("<i2")

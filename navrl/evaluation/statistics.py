@@ -22,7 +22,9 @@ MIN_SEEDS = 3
 
 _SEED = 2024
 _RESAMPLES = 2000  # determines an interval's ends to about 2 % of its width
-_FEW = 50  # values up to which a percentile bootstrap is too narrow: 7 % of intervals miss at 20
+_MAX_SMALL_SAMPLE = (
+    50  # values up to which a percentile bootstrap is too narrow: 7 % of intervals miss at 20
+)
 _UNKNOWN = (math.nan, math.nan)
 
 
@@ -232,7 +234,7 @@ def _mean_interval(sample: np.ndarray, confidence: float, resamples: int) -> tup
     """Return the interval of a mean; (nan, nan) if the spread of the sample is unknown."""
     if len(sample) < MIN_PAIRS or np.ptp(sample) == 0:
         return _UNKNOWN
-    if len(sample) <= _FEW:
+    if len(sample) <= _MAX_SMALL_SAMPLE:
         return _with_width(*center_interval(sample, confidence, _SEED))
     interval = bootstrap(
         (sample,),

@@ -103,7 +103,7 @@ def project_onto_path(
         share = torch.minimum(last - segment_start, length) * inverse_length
         end_x, end_y = offset_x - share * step_x, offset_y - share * step_y
         is_ahead = arc[..., 1:] >= previous_progress
-        squared = _up_to_leaving(squared, end_x.square() + end_y.square(), is_ahead)
+        squared = _before_leaving(squared, end_x.square() + end_y.square(), is_ahead)
     squared, index = squared.min(dim=-1, keepdim=True)
     progress = arc.gather(-1, index) + along.gather(-1, index)
     if previous_progress is not None:  # rounding must not reduce the progress below the window
@@ -112,7 +112,7 @@ def project_onto_path(
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 
 
-def _up_to_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor:
+def _before_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor:
     """Mask squared distances to segments after the path has left the position as infinite.
 
     Args:

@@ -18,7 +18,7 @@ from navrl.sim.crowd import PedestrianModel, step_legs
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive, RobotModel
-from navrl.sim.scenario_rows import seated
+from navrl.sim.scenario_rows import compact_pedestrians
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds.scenario import MAX_ROUTE_POINTS
@@ -138,7 +138,7 @@ class BatchedSimulator(Simulator):
         self.commands.reset(worlds)
         self.scan_memory.reset(worlds, self._scene)
         if self.pedestrians.is_reactive:
-            self.pedestrians.reset(worlds, seated(scenarios, self.max_pedestrians))
+            self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
         self._is_ready = self._is_ready or not bool(rows["pose"].isnan().any())
 
     @property

@@ -21,7 +21,7 @@ from navrl.sim.crowd import PedestrianModel, boxes_along, step_legs
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
-from navrl.sim.scenario_rows import ScenarioRows, seated
+from navrl.sim.scenario_rows import ScenarioRows, compact_pedestrians
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds import ScenarioBatch
@@ -124,7 +124,7 @@ class BulletSimulator(Simulator):
         self._is_scanned[worlds] = False
         if self.pedestrians.is_reactive:
             self._rows["boxes"][worlds] = self._scripted(0, 1)[worlds, 0]
-            self.pedestrians.reset(worlds, seated(scenarios, self.max_pedestrians))
+            self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
         self.commands.reset(worlds)
         if self.scan_memory.is_used:
             self.scan_memory.reset(worlds, {"pose": self._rows["pose"], "boxes": self._boxes()})
@@ -212,7 +212,7 @@ class BulletSimulator(Simulator):
             scene.place(pose, boxes)
             contact = scene.contact(pose, self.robot.travel_one(pose, velocity))
             if world == 0:
-                self._client.keep_pace(self.substep_s)
+                self._client.wait_for_real_time(self.substep_s)
             if contact != NONE:
                 break
         rows["tick"][world] += driven

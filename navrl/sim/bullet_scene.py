@@ -30,13 +30,13 @@ CORNERS = [[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1
 FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 TRIANGLES = [corner for a, b, c, d in FACES for corner in (a, b, c, a, c, d)]
 
-WALL_COLOUR = (0.66, 0.69, 0.74, 1.0)
-PEDESTRIAN_COLOUR = (0.86, 0.44, 0.20, 1.0)
-FLOOR_COLOUR = (0.95, 0.95, 0.93, 1.0)
-PATH_COLOUR = (0.25, 0.65, 0.35, 1.0)
-HULL_COLOUR = (0.15, 0.15, 0.17, 1.0)
-PLATE_COLOUR = (0.45, 0.45, 0.50, 1.0)
-LIDAR_COLOUR = (0.10, 0.35, 0.75, 1.0)
+WALL_COLOR = (0.66, 0.69, 0.74, 1.0)
+PEDESTRIAN_COLOR = (0.86, 0.44, 0.20, 1.0)
+FLOOR_COLOR = (0.95, 0.95, 0.93, 1.0)
+PATH_COLOR = (0.25, 0.65, 0.35, 1.0)
+HULL_COLOR = (0.15, 0.15, 0.17, 1.0)
+PLATE_COLOR = (0.45, 0.45, 0.50, 1.0)
+LIDAR_COLOR = (0.10, 0.35, 0.75, 1.0)
 
 
 class Scene:
@@ -78,17 +78,17 @@ class Scene:
         self.forget()
         walls = scenario["boxes"][: scenario["num_boxes"]].tolist()
         for wall in walls:
-            body = self._box_body(wall[2], wall[3], self._wall_height, WALL_COLOUR)
+            body = self._box_body(wall[2], wall[3], self._wall_height, WALL_COLOR)
             self._move(body, wall[0], wall[1], 0.5 * self._wall_height, wall[4])
         for half in scenario["ped_half"][scenario["ped_present"]].tolist():
             self._pedestrians.append(
-                self._box_body(*half, self._pedestrian_height, PEDESTRIAN_COLOUR)
+                self._box_body(*half, self._pedestrian_height, PEDESTRIAN_COLOR)
             )
         self._robot = self._robot_body()
         self._view = _bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
-        self._furnish(scenario)
+        self._add_surroundings(scenario)
 
-    def _box_body(self, hx: float, hy: float, height: float, colour: tuple) -> int:
+    def _box_body(self, hx: float, hy: float, height: float, color: tuple) -> int:
         client, half = self._client, [hx, hy, 0.5 * height]
         shape = client.createCollisionShape(
             client.GEOM_MESH,
@@ -97,7 +97,7 @@ class Scene:
             meshScale=half,
             flags=client.GEOM_FORCE_CONCAVE_TRIMESH,
         )
-        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=colour)
+        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=color)
         body = self._body(shape, visual)
         client.changeDynamics(body, -1, collisionMargin=0.0)
         return body
@@ -108,10 +108,10 @@ class Scene:
         shape = client.createCollisionShape(client.GEOM_CAPSULE, radius=r, height=height)
         # base, top plate and lidar, as (radius, length, z of the center, color); body at the floor
         parts = [
-            (r, 0.12, 0.06, HULL_COLOUR),
-            (0.25 * r, 0.28, 0.26, HULL_COLOUR),
-            (0.9 * r, 0.02, 0.41, PLATE_COLOUR),
-            (0.2 * r, 0.06, 0.45, LIDAR_COLOUR),
+            (r, 0.12, 0.06, HULL_COLOR),
+            (0.25 * r, 0.28, 0.26, HULL_COLOR),
+            (0.9 * r, 0.02, 0.41, PLATE_COLOR),
+            (0.2 * r, 0.06, 0.45, LIDAR_COLOR),
         ]
         visual = client.createVisualShapeArray(
             shapeTypes=[client.GEOM_CYLINDER] * len(parts),
@@ -122,15 +122,15 @@ class Scene:
         )
         return self._body(shape, visual, mass=1.0)  # not a static body, so rays ignore it
 
-    def _furnish(self, scenario: dict[str, Tensor]) -> None:
+    def _add_surroundings(self, scenario: dict[str, Tensor]) -> None:
         """Add the visual-only bodies: floor and goal."""
         client, (x, y, hx, hy) = self._client, self._view
         floor = client.createVisualShape(
-            client.GEOM_BOX, halfExtents=[hx, hy, 0.01], rgbaColor=FLOOR_COLOUR
+            client.GEOM_BOX, halfExtents=[hx, hy, 0.01], rgbaColor=FLOOR_COLOR
         )
         self._move(self._body(-1, floor), x, y, -0.01)
         goal = client.createVisualShape(
-            client.GEOM_CYLINDER, radius=0.2, length=0.02, rgbaColor=PATH_COLOUR
+            client.GEOM_CYLINDER, radius=0.2, length=0.02, rgbaColor=PATH_COLOR
         )
         self._move(self._body(-1, goal), *scenario["goal"].tolist(), 0.01)
         self._path = scenario["path"]
@@ -203,10 +203,13 @@ class Scene:
         ends[:, 0] = x + reach * (cos * beam_cos - sin * beam_sin)
         ends[:, 1] = y + reach * (sin * beam_cos + cos * beam_sin)
         ends[:, 2] = self._scan_height
-        start, most = (x, y, self._scan_height), self._client.MAX_RAY_INTERSECTION_BATCH_SIZE // 2
+        start, max_rays = (
+            (x, y, self._scan_height),
+            self._client.MAX_RAY_INTERSECTION_BATCH_SIZE // 2,
+        )
         fractions = []  # (half of the limit, because a full batch returns one ray less)
-        for first in range(0, len(ends), most):
-            chunk = ends[first : first + most].tolist()
+        for first in range(0, len(ends), max_rays):
+            chunk = ends[first : first + max_rays].tolist()
             hits = self._client.rayTestBatch(
                 [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=STATIC_GROUP
             )
@@ -220,7 +223,7 @@ class Scene:
         client.removeAllUserDebugItems()
         points = [(px, py, self._floor + 0.02) for px, py in self._path.tolist()]
         for begin, end in zip(points[:-1:3], points[3::3], strict=False):
-            client.addUserDebugLine(begin, end, PATH_COLOUR[:3], 2.0)
+            client.addUserDebugLine(begin, end, PATH_COLOR[:3], 2.0)
 
     def render(self, width: int, height: int) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of the scene from above."""

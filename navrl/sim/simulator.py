@@ -206,27 +206,27 @@ class Simulator(ABC):
             return
         inside = worlds.clamp(0, self.num_worlds - 1)
         times = worlds.new_zeros(self.num_worlds).index_add_(0, inside, torch.ones_like(worlds))
-        most = scenarios.ped_present.sum(-1).amax()
-        bad_walls = _impossible(scenarios.boxes, scenarios.num_boxes)
+        max_present = scenarios.ped_present.sum(-1).amax()
+        bad_walls = _invalid_boxes(scenarios.boxes, scenarios.num_boxes)
         verdicts = [
             (inside != worlds).any(),
             times.amax() > 1,
-            most > self.max_pedestrians,
+            max_present > self.max_pedestrians,
             ~(scenarios.start.abs() <= FARTHEST_M).all(),  # NaN too
             bad_walls.any(),
         ]
         # Transferred together, because each transfer synchronizes with the host.
-        outside, repeated, crowded, nowhere, impossible = torch.stack(verdicts).tolist()
+        outside, repeated, crowded, far, impossible = torch.stack(verdicts).tolist()
         if outside:
             raise ValueError(f"worlds: must be within 0..{self.num_worlds - 1}")
         if repeated:
             raise ValueError("worlds: must be distinct")
         if crowded:
             raise ValueError(
-                f"max_pedestrians={self.max_pedestrians}: must be at least {int(most)}, the "
+                f"max_pedestrians={self.max_pedestrians}: must be at least {int(max_present)}, the "
                 "pedestrians of a scenario"
             )
-        if nowhere:
+        if far:
             raise ValueError(
                 f"scenarios.start: must be finite and within {FARTHEST_M:.0f} m of the origin, "
                 "because poses are float32; shift the scenario"
@@ -281,7 +281,7 @@ class Simulator(ABC):
         return
 
 
-def _impossible(boxes: Tensor, num_boxes: Tensor) -> Tensor:
+def _invalid_boxes(boxes: Tensor, num_boxes: Tensor) -> Tensor:
     """Return [M, W] bool, which of the first ``num_boxes`` [M] boxes [M, W, 5] are invalid."""
     is_wall = torch.arange(boxes.shape[1], device=boxes.device) < num_boxes[:, None]
     return is_wall & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))

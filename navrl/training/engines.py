@@ -16,7 +16,7 @@ from navrl.training.replay import Compact
 from navrl.training.worker import WorkerBatch, WorkerCollector, WorkerEnv
 from navrl.training.workers import WorkersCollector
 
-_ENDLESS = sys.maxsize  # frames; TorchRL's collectors stop at a total count
+_UNLIMITED = sys.maxsize  # frames; TorchRL's collectors stop at a total count
 
 
 class ProcessCollector(WorkersCollector):
@@ -71,7 +71,7 @@ class RayCollector(WorkersCollector):
             envs,
             self.policy,
             frames_per_batch=self.frames_per_batch,
-            total_frames=_ENDLESS,
+            total_frames=_UNLIMITED,
             sync=self.sync,
             trust_policy=True,
             ray_init_config=self._ray_config(),
@@ -129,7 +129,7 @@ class DistributedCollector(WorkersCollector):
             envs,
             self.policy,
             frames_per_batch=self.frames_per_batch,
-            total_frames=_ENDLESS,
+            total_frames=_UNLIMITED,
             sync=self.sync,
             backend=self.backend,
             launcher=self.launcher,

@@ -133,7 +133,7 @@ class Replay:
         shape = (count, self.batch_size)
         return rows.apply(lambda value: _float(value).unflatten(0, shape), batch_size=shape)
 
-    def forget_held_back(self) -> None:
+    def discard_pending(self) -> None:
         """Discard pending steps of n-step returns whose episodes are not continued."""
         self._streams = {}
 

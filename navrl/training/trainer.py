@@ -277,7 +277,7 @@ class Trainer:
         self.replay.load(self.checkpoints.journal, state["replay"])
         self.collector.load_state_dict(state)
         if not self.collector.resumes_episodes:
-            self.replay.forget_held_back()
+            self.replay.discard_pending()
         if "window" in state:
             self._window = Window.from_state(state["window"])
         else:  # an older checkpoint without these keys, always saved after a due evaluation

@@ -18,7 +18,7 @@ from navrl.training.behaviour import Behaviour
 from navrl.training.collectors import forget_last_action
 from navrl.training.replay import Compact
 
-_BEGINS = "is_init"  # [N, 1] bool: the first step of an episode
+_IS_INIT = "is_init"  # [N, 1] bool: the first step of an episode
 
 
 class WorkerPolicy(TensorDictModuleBase):
@@ -58,7 +58,7 @@ class WorkerPolicy(TensorDictModuleBase):
         """Write the action, and the level for the environment to take."""
         last = tensordict.get(keys.ACTION, None)
         if last is not None:  # of the episode before, or zeros that the collector begins with
-            forget_last_action(tensordict, tensordict.get(_BEGINS))
+            forget_last_action(tensordict, tensordict.get(_IS_INIT))
         level = self.max_dynamic.expand(*tensordict.batch_size, 1)
         tensordict.set(keys.MAX_DYNAMIC, level.clone())
         return self.behaviour.act(tensordict, int(self.frames))
@@ -109,7 +109,7 @@ class WorkerEnv:
         env = self.make_env(self.seed)
         env.base_env.max_dynamic = self.max_dynamic
         env.append_transform(CurriculumLevel())
-        env.append_transform(InitTracker(init_key=_BEGINS))
+        env.append_transform(InitTracker(init_key=_IS_INIT))
         return env
 
 

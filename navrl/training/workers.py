@@ -99,7 +99,7 @@ class WorkersCollector(ABC):
         envs = [
             WorkerEnv(self.make_env, seed, self.threads_per_worker, max_dynamic) for seed in seeds
         ]
-        with _undisturbed(), shielded_children():
+        with _isolated_state(), shielded_children():
             self._workers = self._launch(envs)
         self._push(frames, None)
         self._batches = iter(self._workers)
@@ -153,12 +153,12 @@ class WorkersCollector(ABC):
         """End the workers."""
         workers, self._workers, self._batches = self._workers, None, None
         if workers is not None:
-            with _undisturbed():
+            with _isolated_state():
                 workers.shutdown()
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _isolated_state() -> Iterator[None]:
     """Restore threads and random state of the learner, which TorchRL's collectors change."""
     threads = torch.get_num_threads()
     try:

@@ -129,7 +129,7 @@ def map_reset_rows(
     return tensordict_reset
 
 
-def refuse_without_past(
+def require_history(
     transform: Transform, tensordict: TensorDictBase, keys: Sequence[NestedKey]
 ) -> None:
     """Reject stored transitions whose root lacks entries that depend on earlier steps.

@@ -19,7 +19,7 @@ from navrl.transforms.observation_map import (
     read,
     read_spec,
     real_spec,
-    refuse_without_past,
+    require_history,
 )
 
 
@@ -127,7 +127,7 @@ class RangeHistory(Transform):
         """
         missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
         if missing:
-            refuse_without_past(self, tensordict, missing)
+            require_history(self, tensordict, missing)
             self._call(tensordict)
         if "next" in tensordict:
             self._step(tensordict, tensordict["next"])

@@ -14,7 +14,7 @@ from navrl.transforms.observation_map import (
     nested_keys,
     read,
     read_spec,
-    refuse_without_past,
+    require_history,
 )
 
 
@@ -91,7 +91,7 @@ class ScanHistory(Transform):
         """
         missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
         if missing:
-            refuse_without_past(self, tensordict, missing)
+            require_history(self, tensordict, missing)
             self._call(tensordict)
         if "next" in tensordict:
             self._step(tensordict, tensordict["next"])

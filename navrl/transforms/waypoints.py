@@ -20,7 +20,7 @@ from navrl.transforms.observation_map import (
     read,
     read_spec,
     real_spec,
-    refuse_without_past,
+    require_history,
     world_values,
 )
 
@@ -116,7 +116,7 @@ class Waypoints(Transform):
         if progress_key in tensordict.keys(True, True):
             self._write_points(tensordict, tensordict.get(progress_key))
         else:
-            refuse_without_past(self, tensordict, [progress_key])
+            require_history(self, tensordict, [progress_key])
             self._call(tensordict)
         if "next" in tensordict:
             following = tensordict["next"]

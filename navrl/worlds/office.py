@@ -6,7 +6,7 @@ import numpy as np
 
 from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, wall
 
-_LEAST_DOOR = 0.7  # m; narrower ones have no cell with the planner's clearance
+_MIN_DOOR = 0.7  # m; narrower ones have no cell with the planner's clearance
 Room = tuple[float, float, float, float]
 
 
@@ -35,10 +35,10 @@ class Office:
     def __init__(
         self, size: float = 7.0, door: float = 1.1, min_room: float = 2.2, inset: float = 0.5
     ) -> None:
-        fits = _LEAST_DOOR <= door < min_room - 4 * WALL_THICKNESS
+        fits = _MIN_DOOR <= door < min_room - 4 * WALL_THICKNESS
         if not fits or not 2 * min_room <= size - WALL_THICKNESS:
             raise ValueError(
-                f"door={door}, min_room={min_room}, size={size}: must be {_LEAST_DOOR} <= door, "
+                f"door={door}, min_room={min_room}, size={size}: must be {_MIN_DOOR} <= door, "
                 "door < min_room - 0.4 and 2 min_room <= size - 0.1"
             )
         self.size, self.door, self.min_room = size, door, min_room

@@ -123,11 +123,11 @@ class Field:
         while anchor < last:
             # Bisect the longest visible stretch: a few visibility checks instead of one per point.
             low, high = anchor + 1, last + 1
-            if self._sees(points, anchor, last):
+            if self._is_visible(points, anchor, last):
                 low = last
             while low < last and high - low > 1:
                 middle = (low + high) // 2
-                if self._sees(points, anchor, middle):
+                if self._is_visible(points, anchor, middle):
                     low = middle
                 else:
                     high = middle
@@ -135,7 +135,7 @@ class Field:
             kept.append(anchor)
         return points[kept]
 
-    def _sees(self, points: np.ndarray, a: int, b: int) -> bool:
+    def _is_visible(self, points: np.ndarray, a: int, b: int) -> bool:
         return self.grid.is_visible(points[a], points[b], self.inflation - 1e-9)
 
 

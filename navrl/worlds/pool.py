@@ -98,9 +98,9 @@ class ScenarioPool:
             return batch
         if max_dynamic < 1:
             raise ValueError(f"max_dynamic={max_dynamic}: must be >= 1")
-        most = self._num_dynamic[rows].clamp(max=max_dynamic).clamp_min(1)
+        max_count = self._num_dynamic[rows].clamp(max=max_dynamic).clamp_min(1)
         share = torch.rand(rows.shape, generator=generator, dtype=torch.float64).to(device)
-        return batch.with_num_dynamic((share * most).long() + 1)
+        return batch.with_num_dynamic((share * max_count).long() + 1)
 
 
 def _fingerprint(suite: Suite) -> str:

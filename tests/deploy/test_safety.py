@@ -20,10 +20,10 @@ PATH = [(0.1 * i, 0.0) for i in range(41)]  # m, straight ahead
 DEGREE = BEAMS // 360  # beams
 
 
-def corridor(half_width=1.5, farthest=25.0):
+def corridor(half_width=1.5, max_range=25.0):
     """Ranges, m, between two walls of unlimited length."""
     bearing = np.arange(BEAMS) * 2 * np.pi / BEAMS
-    return np.minimum(half_width / np.maximum(np.abs(np.sin(bearing)), 1e-9), farthest)
+    return np.minimum(half_width / np.maximum(np.abs(np.sin(bearing)), 1e-9), max_range)
 
 
 def but(count, value, others):

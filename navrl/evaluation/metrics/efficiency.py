@@ -10,7 +10,7 @@ from navrl.evaluation.metrics.trajectory import Trajectory, total
 from navrl.ops.contact import MOVING_SPEED
 from navrl.ops.path import project_onto_path
 
-_LEAST_PROGRESS = 1e-3  # m per step; less is rounding
+_MIN_PROGRESS = 1e-3  # m per step; less is rounding
 
 
 def duration(trajectory: Trajectory) -> np.ndarray:
@@ -88,7 +88,7 @@ def time_without_progress(trajectory: Trajectory) -> np.ndarray:
         goal; along the path, a detour around a wall is progress too.
     """
     gained = np.diff(_progress(trajectory), axis=1)
-    return _seconds(trajectory, gained < _LEAST_PROGRESS)
+    return _seconds(trajectory, gained < _MIN_PROGRESS)
 
 
 def _moved(trajectory: Trajectory) -> np.ndarray:

@@ -15,10 +15,10 @@ from navrl.ops.kernels.compiler import reordering_scalar, scalar
 
 WINDOW = 17  # points; with 2 deg per point this is +-16 deg around the expected bearing
 MARGIN = 8  # points by which the window is widened on both sides
-MANY = 6  # points; beyond this, widening the window is faster than exhaustive searches
+MAX_SEARCHES = 6  # points; beyond this, widening the window is faster than exhaustive searches
 SMALLEST = 3 * WINDOW  # points; smaller scans are searched exhaustively
 FAR = np.float32(1e9)  # m; coordinate of points that are no returns
-PROOF = np.float32(0.999)  # safety factor for the rounding of the test in single precision
+SAFETY_FACTOR = np.float32(0.999)  # safety factor for the rounding of the test in single precision
 
 
 @scalar
@@ -102,8 +102,8 @@ search_window, search_margin = column_search(WINDOW), column_search(MARGIN)
 
 
 @reordering_scalar
-def find_unproved(
-    x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unproved
+def find_unverified(
+    x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unverified
 ):
     """Flag the points whose nearest neighbor may be outside of the window; return their number.
 
@@ -122,11 +122,11 @@ def find_unproved(
         is_inside = above_low > 0.0 and below_high > 0.0
         low = above_low * above_low if low_x[index] * px + low_y[index] * py > 0.0 else reach
         high = below_high * below_high if high_x[index] * px + high_y[index] * py > 0.0 else reach
-        bound = PROOF * min(low, high)
+        bound = SAFETY_FACTOR * min(low, high)
         needed = min(squared[index], gate_squared)
-        is_unproved = weights[index] > 0.0 and not (is_inside and needed <= bound)
-        unproved[index] = is_unproved
-        total += is_unproved
+        is_unverified = weights[index] > 0.0 and not (is_inside and needed <= bound)
+        unverified[index] = is_unverified
+        total += is_unverified
     return total
 
 
@@ -159,11 +159,13 @@ def search_windows(points, weights, shift, target, gate, squared, match, flags):
     squared[:] = np.float32(np.inf)
     search_window(x, y, target_x, target_y, first, squared, match)
     while True:
-        total = find_unproved(
+        total = find_unverified(
             x, y, weights, target[2], target[3], first, width, gate * gate, squared, flags
         )
         width += 2 * MARGIN
-        if total <= MANY or width > num_target // 2:  # the test only holds within a half circle
+        if (
+            total <= MAX_SEARCHES or width > num_target // 2
+        ):  # the test only holds within a half circle
             return total
         search_margin(x, y, target_x, target_y, first - MARGIN, squared, match)
         search_margin(x, y, target_x, target_y, first + width - 2 * MARGIN, squared, match)

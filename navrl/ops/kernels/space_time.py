@@ -27,7 +27,7 @@ import numpy as np
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.worlds import box_distance
 
-FOUND, EXHAUSTED, GAVE_UP = range(3)  # result codes of a search
+FOUND, EXHAUSTED, NODE_LIMIT = range(3)  # result codes of a search
 
 
 @scalar
@@ -114,7 +114,7 @@ def search(
             if not free:
                 continue
             if count == max_nodes:
-                return GAVE_UP, 0, count
+                return NODE_LIMIT, 0, count
             if count == place.shape[0]:
                 place, link = grown(place), grown(link)
             seen[step + 1, i, j, turned] = True

@@ -99,12 +99,14 @@ def list_near_walls(x, y, reach, walls, num_walls, near):
 
 
 @scalar
-def farthest(track):
+def max_displacement(track):
     """Return the largest distance of the points of a track from its first point, m."""
-    most = 0.0
+    largest = 0.0
     for index in range(1, track.shape[0]):
-        most = max(most, distance(track[index, 0] - track[0, 0], track[index, 1] - track[0, 1]))
-    return most
+        largest = max(
+            largest, distance(track[index, 0] - track[0, 0], track[index, 1] - track[0, 1])
+        )
+    return largest
 
 
 @scalar
@@ -113,7 +115,7 @@ def reach_of(pose, velocity, late, command, track, drive, timing):
     radius, is_tracked, _, _, slowest, fastest, _ = drive
     if is_tracked:
         first = distance(track[0, 0] - pose[0], track[0, 1] - pose[1])
-        return radius + first + farthest(track) + _SLACK
+        return radius + first + max_displacement(track) + _SLACK
     wanted = max(
         abs(limited(late[0], slowest, fastest)), abs(limited(command[0], slowest, fastest))
     )

@@ -152,13 +152,13 @@ class DynamicWindow(Controller):
         clear = (room > self.margin).cumprod(-1)  # until the first touch
         to_goal = (arcs - waypoints[:, None, -1:]).norm(dim=-1).amin(-1)
         off_path = torch.cdist(arcs[:, :, -1], waypoints).amin(-1)
-        worth = (
+        score = (
             self.clearance_weight * room.amin(-1).clamp_max(self.clearance)
             - to_goal
             - self.path_weight * off_path
         )
         # Arcs with a contact rank behind all others, ordered by the time of contact.
-        return torch.where(clear[..., -1] > 0, worth, clear.sum(-1) - 1e3 + room[..., 0])
+        return torch.where(clear[..., -1] > 0, score, clear.sum(-1) - 1e3 + room[..., 0])
 
 
 def _check_positive(**values: float) -> None:

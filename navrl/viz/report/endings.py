@@ -14,7 +14,7 @@ _PARTS = {
     "collision_pedestrian": ("moved_into_pedestrian", "hit_by_pedestrian"),
     "collision_static": ("collision_wall", "collision_furniture"),
 }
-_UNDIVIDED = {  # of files from before the contacts were classified
+_UNCLASSIFIED = {  # of files from before the contacts were classified
     "collision_pedestrian": ("collision with a pedestrian, fault unknown", "#EFB08C"),
     "collision_static": ("collision with a wall or furniture", "#F3D694"),
 }
@@ -22,7 +22,7 @@ _UNDIVIDED = {  # of files from before the contacts were classified
 
 def _endings() -> dict[str, tuple[str, str]]:
     """Return label and color of each ending, in the order of the outcomes."""
-    known = {m.name: (m.label, m.color) for m in METRICS if m.is_ending} | _UNDIVIDED
+    known = {m.name: (m.label, m.color) for m in METRICS if m.is_ending} | _UNCLASSIFIED
     names = [name for outcome in OUTCOMES for name in (*_PARTS.get(outcome, ()), outcome)]
     return {**{name: known[name] for name in names}, "error": ("error", BLACK)}
 
