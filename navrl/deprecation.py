@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import functools
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from enum import EnumType
 from importlib import import_module
 from typing import Any
 
 RENAMED_KEYS = {"least_speed": "min_descriptor_speed", "most_speed": "max_descriptor_speed"}
 """Configuration keys of version 0.1, anywhere in a node of a policy, and their present names."""
+
+RENAMED_INPUTS = {
+    "waypoint": "waypoints_scaled",
+    "distance": "ranges_pooled_scaled",
+    "distance_previous": "ranges_previous_scaled",
+    "distance_earlier": "ranges_earlier_scaled",
+    "distances": "ranges_history_scaled",
+    "goal": "goal_position_scaled",
+}
+"""Keys of network inputs of version 0.1, and their present names."""
 
 
 def warn(old: str, advice: str, stacklevel: int = 3) -> None:
@@ -111,6 +121,60 @@ def renamed_keys(node: Any, is_silent: bool = False) -> Any:
     return {
         RENAMED_KEYS.get(name, name): renamed_keys(value, is_silent) for name, value in node.items()
     }
+
+
+def input_key(key: str, observed: Collection[str]) -> str:
+    """Return the name under which a network input is observed, in this version or in 0.1.
+
+    Args:
+        key: Key that a network reads.
+        observed: All observed keys.
+
+    Returns:
+        ``key`` itself if it is observed, or under neither name. A bundle of version 0.1 has the
+        old names.
+
+    Example:
+        >>> input_key("waypoints_scaled", ["spatial", "waypoint"])
+        'waypoint'
+    """
+    if key in observed:
+        return key
+    if RENAMED_INPUTS.get(key) in observed:
+        warn(f"input key {key}", f"use {RENAMED_INPUTS[key]}")
+        return RENAMED_INPUTS[key]
+    return next((old for old, new in RENAMED_INPUTS.items() if new == key and old in observed), key)
+
+
+def renamed_inputs(node: Any) -> Any:
+    """Return a copy of a bundle's configuration with the present names of network inputs.
+
+    Args:
+        node: Plain data. Names are replaced in ``in_keys``, ``out_keys``, ``in_key``,
+            ``context_key`` and ``shapes``.
+
+    Example:
+        >>> renamed_inputs({"in_keys": ["points", "waypoint"], "waypoint": 1})
+        {'in_keys': ['points', 'waypoints_scaled'], 'waypoint': 1}
+    """
+    if isinstance(node, list):
+        return [renamed_inputs(item) for item in node]
+    if not isinstance(node, Mapping):
+        return node
+    return {name: _renamed_input(name, renamed_inputs(value)) for name, value in node.items()}
+
+
+def _renamed_input(name: str, value: Any) -> Any:
+    def present(key: Any) -> Any:
+        return RENAMED_INPUTS.get(key, key) if isinstance(key, str) else key
+
+    if name in ("in_keys", "out_keys") and isinstance(value, list):
+        return [present(key) for key in value]
+    if name in ("in_key", "context_key"):
+        return present(value)
+    if name == "shapes" and isinstance(value, Mapping):
+        return {present(key): shape for key, shape in value.items()}
+    return value
 
 
 class RenamedMembers(EnumType):

@@ -10,9 +10,9 @@ import navrl.build
 from navrl import factory, jobs
 from navrl.algos import GaussianExploration
 from navrl.config import compose, instantiate
-from navrl.deprecation import renamed_arguments
+from navrl.deprecation import RENAMED_INPUTS, input_key, renamed_arguments
 from navrl.factory.policy import make_runner, with_controller
-from navrl.networks import CriticNetwork
+from navrl.networks import AttentionStream, CriticNetwork, VectorStream
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.policies.classical import DynamicWindow
 from navrl.sim import Contact, DifferentialDrive, Simulator
@@ -21,6 +21,7 @@ from navrl.transforms import ActionShield
 MOVED = {
     "navrl.config.hydra_main": "navrl.cli.command.hydra_main",
     "navrl.evaluation.metrics.run_into": "navrl.evaluation.metrics.hit_by_pedestrian",
+    "navrl.keys.WAYPOINT_INPUT": "navrl.keys.WAYPOINTS_SCALED",
     "navrl.networks.restraint.restrain": "navrl.networks.saturation.penalize_saturation",
     "navrl.ops.contact.RUN_INTO": "navrl.ops.contact.HIT_BY_PEDESTRIAN",
     "navrl.ops.contact.blame": "navrl.ops.contact.classify_contact",
@@ -131,3 +132,28 @@ def test_renamed_argument_must_be_given_once():
         assert function(least=2) == 2
     with pytest.raises(TypeError, match="must be given once, as smallest"):
         function(smallest=1, least=2)
+
+
+@pytest.mark.parametrize("observed", ["waypoints_scaled", "waypoint"])
+def test_networks_read_inputs_under_names_of_version_0_1(observed):
+    shapes = {"spatial": [180, 2], observed: [5, 2]}
+    assert AttentionStream("spatial", shapes).in_keys == ["spatial", observed]
+    if observed == "waypoint":
+        assert VectorStream("waypoint", shapes, [8]).in_keys == ["waypoint"]
+        return
+    with pytest.warns(DeprecationWarning, match="input key waypoint is deprecated: use waypoints_"):
+        assert VectorStream("waypoint", shapes, [8]).in_keys == ["waypoints_scaled"]
+
+
+@pytest.mark.parametrize("name", zoo_names())
+def test_shipped_bundles_have_present_names_of_inputs(name):
+    bundle = load_bundle(ZOO / name)
+    assert not set(bundle.actor.in_keys) & RENAMED_INPUTS.keys()
+    text = str(bundle.config)
+    assert all(f"'{key}'" not in text for key in ("waypoint", "distance", "distances"))
+
+
+def test_renamed_input_of_a_model_of_another_library_is_found():
+    key = input_key("waypoint", ["ranges", "waypoints_scaled"])
+    assert key == "waypoints_scaled"
+    assert input_key("no_such_key", ["ranges"]) == "no_such_key"

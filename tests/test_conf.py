@@ -109,7 +109,7 @@ def test_ablations_differ_from_the_paper_only_where_they_say():
             "spatial": [180, 2],
             "spatial_previous": [180, 2],
             "temporal": [30, 4],
-            "waypoint": [5, 2],
+            "waypoints_scaled": [5, 2],
         }
         actor, _ = factory.make_agent(cfg, shapes)
         size[name] = sum(p.numel() for p in actor.parameters())

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from navrl import keys
+from navrl.deprecation import input_key
 from navrl.networks.attention import LocationAttention
 from navrl.networks.encoder import Shapes, feature_size
 from navrl.networks.mlp import mlp
@@ -36,7 +37,7 @@ class ConvStream(nn.Module):
             ``padding_mode`` is unknown.
 
     Example:
-        >>> stream = ConvStream(["distance"], {"distance": [180]}, channels=[32, 32],
+        >>> stream = ConvStream(["scan"], {"scan": [180]}, channels=[32, 32],
         ...                     kernel_sizes=[5, 3], strides=[2, 2], paddings=[1, 1], hidden=[64])
         >>> stream(torch.zeros(4, 180))[0].shape
         torch.Size([4, 64])
@@ -59,7 +60,7 @@ class ConvStream(nn.Module):
         padding_mode: str = "zeros",
     ) -> None:
         super().__init__()
-        self.in_keys = list(in_keys)
+        self.in_keys = [input_key(key, shapes) for key in in_keys]
         self._num_scans, num_beams = _scans(shapes, self.in_keys)
         layers = {"kernel_sizes": kernel_sizes, "strides": strides, "paddings": paddings}
         self.convolutions, self.num_places = _convolutions(
@@ -105,8 +106,8 @@ class ConvAttentionStream(ConvStream):
         ValueError: If an argument is invalid for :class:`ConvStream` or ``context_key`` is missing.
 
     Example:
-        >>> shapes = {"distances": [4, 180], "waypoint": [5, 2]}
-        >>> stream = ConvAttentionStream(["distances"], shapes, channels=[32], kernel_sizes=[6],
+        >>> shapes = {"scans": [4, 180], "waypoints_scaled": [5, 2]}
+        >>> stream = ConvAttentionStream(["scans"], shapes, channels=[32], kernel_sizes=[6],
         ...                              strides=[6], paddings=[0], hidden=[64])
         >>> feature, weights = stream(torch.zeros(1, 4, 180), torch.zeros(1, 5, 2))
         >>> feature.shape, weights.shape
@@ -122,13 +123,14 @@ class ConvAttentionStream(ConvStream):
         self,
         in_keys: Sequence[str],
         shapes: Shapes,
-        context_key: str = keys.WAYPOINT_INPUT,
+        context_key: str = keys.WAYPOINTS_SCALED,
         embedding: Sequence[int] = (64, 64),
         score: Sequence[int] = (32, 1),
         feature: Sequence[int] = (64,),
         **options: object,
     ) -> None:
         super().__init__(in_keys, shapes, **options)
+        context_key = input_key(context_key, shapes)
         self.attention = LocationAttention(
             self.num_channels + 2, feature_size(shapes, context_key), embedding, score, feature
         )

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from navrl import keys
+from navrl.deprecation import input_key
 from navrl.networks.attention import LocationAttention
 
 Shapes = Mapping[str, Sequence[int]]
@@ -31,7 +32,7 @@ class AttentionStream(nn.Module):
         ValueError: If a key is missing or the input cannot be split into ``num_items``.
 
     Example:
-        >>> stream = AttentionStream("spatial", {"spatial": [180, 2], "waypoint": [5, 2]})
+        >>> stream = AttentionStream("spatial", {"spatial": [180, 2], "waypoints_scaled": [5, 2]})
         >>> feature, weights = stream(torch.zeros(1, 180, 2), torch.zeros(1, 5, 2))
         >>> feature.shape, weights.shape
         (torch.Size([1, 30]), torch.Size([1, 30]))
@@ -48,12 +49,13 @@ class AttentionStream(nn.Module):
         in_key: str,
         shapes: Shapes,
         num_items: int = 30,
-        context_key: str = keys.WAYPOINT_INPUT,
+        context_key: str = keys.WAYPOINTS_SCALED,
         embedding: Sequence[int] = (256, 128, 64),
         score: Sequence[int] = (60, 50, 1),
         feature: Sequence[int] = (80, 50, 30),
     ) -> None:
         super().__init__()
+        in_key, context_key = (input_key(key, shapes) for key in (in_key, context_key))
         size, context_size = (feature_size(shapes, key) for key in (in_key, context_key))
         if num_items <= 0 or shapes[in_key][0] % num_items:
             raise ValueError(

@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDictBase
 
 from navrl import keys
+from navrl.deprecation import input_key
 from navrl.extras import install_hint
 from navrl.policies.controller import Controller
 
@@ -68,7 +69,8 @@ class PredictingPolicy(Controller):
         return tensordict.set(keys.ACTION, action.to(tensordict.device))
 
     def _observed(self, tensordict: TensorDictBase, key: str) -> np.ndarray:
-        value, space = tensordict.get(key, None), self._spaces[key]
+        value = tensordict.get(input_key(key, tensordict.keys()), None)
+        space = self._spaces[key]
         if value is None:
             known = sorted(map(str, tensordict.keys()))
             raise ValueError(f"{key}: is read by the model, but must be one of {', '.join(known)}")

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from navrl.untrusted import DamagedFileError, read_table
-from navrl.viz.style import BLACK, GREY, line_look, plain_text, save_figure, style
+from navrl.viz.style import BLACK, GRAY, line_look, plain_text, save_figure, style
 
 _REMEDY = "restore the log, or remove its damaged rows"
 Series = tuple[np.ndarray, np.ndarray]
@@ -226,5 +226,5 @@ def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]], ncols: int) -
         marks["more pedestrians from here"] = {"linestyle": ":", "linewidth": 0.8}
     handles += [Line2D([], [], color=BLACK, label=label, **look) for label, look in marks.items()]
     if any(len(logs) > 1 for logs in groups.values()):
-        handles.append(Patch(color=GREY, alpha=0.3, linewidth=0, label="range of the seeds"))
+        handles.append(Patch(color=GRAY, alpha=0.3, linewidth=0, label="range of the seeds"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), ncols))

@@ -17,7 +17,7 @@ from navrl.extras import install_hint
 from navrl.files import replacing_path
 from navrl.viz.drive import forward_and_turn
 from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GRAY, ORANGE, PURPLE, VERMILLION
 
 STEP, TIME = "step", "time"  # timelines
 # m, as in navrl.sim.bullet_scene, which is not imported here, and with the default lidar:
@@ -121,7 +121,7 @@ class _Log:
         look = {"colors": _rgba(_WALL_GRAY), "fill_mode": "TransparentFillMajorWireframe"}
         self._still("world/walls", rr.Boxes3D(**walls, **look))  # transparent
         path = _lifted(recording.path, _FLOOR_M)
-        self._still("world/path", rr.LineStrips3D([path], radii=_LINE_M, colors=_rgba(GREY)))
+        self._still("world/path", rr.LineStrips3D([path], radii=_LINE_M, colors=_rgba(GRAY)))
         goal = rr.Cylinders3D(
             centers=_lifted(recording.goal[None], _FLOOR_M),
             lengths=2 * _FLOOR_M,

@@ -12,7 +12,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from navrl.untrusted import DamagedFileError, read_json
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, VERMILLION, save_figure, style
+from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GRAY, VERMILLION, save_figure, style
 
 _REMEDY = "run navrl-benchmark again"
 _COLUMNS = 3  # columns of small panels, right of the bars
@@ -126,7 +126,7 @@ def _draw_growth(axes: Axes, series: Mapping, exponent: Mapping) -> None:
     middle = np.exp(np.log(median).mean()), np.exp(np.log(sizes).mean())
     fit = middle[0] * (sizes / middle[1]) ** exponent["median"]
     bar = f" (bar ≤ {exponent['bar']['limit']:g})" if exponent["bar"] else ""
-    axes.plot(sizes, fit, color=GREY, linestyle="--", linewidth=0.9)
+    axes.plot(sizes, fit, color=GRAY, linestyle="--", linewidth=0.9)
     _logarithmic(axes, "x", sizes)
     _logarithmic(axes, "y")
     power = f"dashed: the power {exponent['median']:.2f}{bar}"

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, FancyArrow, Patch
 
 from navrl.evaluation.recording import Recording
 from navrl.viz.legend import ArrowHandler
-from navrl.viz.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, save_figure, style
+from navrl.viz.style import BLACK, BLUE, GREEN, GRAY, ORANGE, PURPLE, VERMILLION, save_figure, style
 
 _NOW, _BEFORE, _CENTER = BLUE, ORANGE, GREEN
 _CLOSE_UP_M = 0.55  # half the width of the close-up
@@ -135,7 +135,7 @@ def _draw_aligned(axes: Axes, stage: _Stage) -> None:
 def _draw_centers(axes: Axes, stage: _Stage) -> None:
     _frame(axes, stage, "3. a center on each ray, at the nearest return")
     rays = np.stack([np.zeros_like(stage.centers), stage.centers], axis=1)
-    axes.add_collection(LineCollection(rays, colors=GREY, linewidths=0.5, zorder=1))
+    axes.add_collection(LineCollection(rays, colors=GRAY, linewidths=0.5, zorder=1))
     _dots(axes, stage.now, _NOW)
     axes.plot(*stage.centers[stage.used].T, "+", color=_CENTER, markersize=6, zorder=5)
 

@@ -55,7 +55,7 @@ class AnyCritic(nn.Module):
 def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function, has_encoder):
     ddpg, data = agent(loss_function=loss_function), batch()
     if not has_encoder:
-        names = ["spatial", "action", "waypoint"]
+        names = ["spatial", "action", "waypoints_scaled"]
         critic = TensorDictModule(AnyCritic(), names, ["state_action_value"])
         ddpg = DDPG(make_actor(ENCODER, SHAPES), critic, loss_function=loss_function)
     for _ in range(3):  # weights that have moved by now

@@ -17,7 +17,7 @@ BARS = {"gpu.steps": "≥ 1,000,000", "gpu.update_recorded": "≥ 1,500", "gpu.p
 def test_rows_and_bars():
     cfg = compose("benchmark", OPTIONS)
     env = _maker(cfg)(4)
-    shapes = {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]}
+    shapes = {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
     learner = _learner(cfg, shapes, "float32", "cpu")
     batch = random_transitions(shapes, 8)
     frames = np.array([50_000.0, 90_000.0])

@@ -9,7 +9,7 @@ from navrl.benchmarks import Budget, count_flops, random_transitions, update_row
 from navrl.config import compose, instantiate
 from navrl.factory import make_agent
 
-SHAPES = {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]}
+SHAPES = {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
 ITEMS = 30  # sectors, or descriptors, that the layers of a stream run on
 
 

@@ -126,7 +126,7 @@ def test_torchrls_transformed_env_has_no_zero_rows():
     env, recorder = perceiving("torchrl")
     td = driven(env)
     _, kept = reset_some(env, td)
-    for key in ("ranges_pooled", "points", "returns", "waypoints", "spatial", "waypoint"):
+    for key in ("ranges_pooled", "points", "returns", "waypoints", "spatial", "waypoints_scaled"):
         torch.testing.assert_close(recorder.seen[key][kept], td[key][kept], rtol=0, atol=1e-5)
     assert recorder.seen["tagd"][kept].abs().sum() > 0
 

@@ -18,7 +18,7 @@ from navrl.networks.saturation import penalize_saturation
 SHAPES = {
     "spatial": (180, 2),
     "temporal": (30, 4),
-    "waypoint": (5, 2),
+    "waypoints_scaled": (5, 2),
     "spatial_previous": (180, 2),
 }
 STREAMS = {

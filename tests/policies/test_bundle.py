@@ -42,7 +42,7 @@ CONFIG = {
                 "temporal": {**STREAM, "in_key": "temporal"},
             },
         },
-        "shapes": {"spatial": [12, 2], "temporal": [6, 4], "waypoint": [5, 2]},
+        "shapes": {"spatial": [12, 2], "temporal": [6, 4], "waypoints_scaled": [5, 2]},
         "hidden": [8],
     },
     "time_step_s": 0.2,

@@ -90,7 +90,9 @@ def test_workers_feed_the_learner_and_follow_it(kind, tmp_path, monkeypatch):
         assert levels == sorted(levels) and levels[0] == 1
         assert levels[-1] == 2, "the curriculum's level did not arrive"
     first, second = (next(s for w, s in watched.steps if w == worker) for worker in (0, 1))
-    assert not torch.equal(first["waypoint"], second["waypoint"]), "workers see the same worlds"
+    assert not torch.equal(first["waypoints_scaled"], second["waypoints_scaled"]), (
+        "workers see the same worlds"
+    )
     assert not multiprocessing.active_children()
     if kind == ["collector=ray"]:
         import ray

@@ -105,7 +105,9 @@ def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
 @pytest.mark.gpu
 def test_workers_get_the_weights_of_a_learner_on_a_gpu():
     cfg = compose("train", [*OPTIONS, "device=cuda"])
-    actor, _ = make_agent(cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]})
+    actor, _ = make_agent(
+        cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
+    )
     behaviour = instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration))
     policy = WorkerPolicy(behaviour)
     with torch.no_grad():

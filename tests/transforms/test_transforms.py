@@ -524,7 +524,7 @@ class TestCompose:
         following = env.rollout(3)["next"]
         assert following[keys.SPATIAL_INPUT].shape[-2:] == (180, 2)
         assert following[keys.TEMPORAL_INPUT].shape[-2:] == (30, 4)
-        assert following[keys.WAYPOINT_INPUT].shape[-2:] == (5, 2)
+        assert following[keys.WAYPOINTS_SCALED].shape[-2:] == (5, 2)
 
     def test_a_strangers_vector_of_envs(self):
         env = GymWrapper(StrangersEnv(), device="cpu")
