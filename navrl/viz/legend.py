@@ -13,8 +13,8 @@ from navrl.evaluation.recording import Recording
 from navrl.viz.scene import SPATIAL, TEMPORAL
 from navrl.viz.style import (
     BLACK,
-    GREEN,
     GRAY,
+    GREEN,
     ORANGE,
     PURPLE,
     SPATIAL_COLORS,

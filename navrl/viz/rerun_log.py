@@ -17,7 +17,7 @@ from navrl.extras import install_hint
 from navrl.files import replacing_path
 from navrl.viz.drive import forward_and_turn
 from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GRAY, ORANGE, PURPLE, VERMILLION
+from navrl.viz.style import BLACK, BLUE, CYCLE, GRAY, GREEN, ORANGE, PURPLE, VERMILLION
 
 STEP, TIME = "step", "time"  # timelines
 # m, as in navrl.sim.bullet_scene, which is not imported here, and with the default lidar:

@@ -14,8 +14,8 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from navrl.evaluation.recording import Recording
 from navrl.viz.style import (
     BLACK,
-    GREEN,
     GRAY,
+    GREEN,
     ORANGE,
     PURPLE,
     SPATIAL_COLORS,

@@ -12,7 +12,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from navrl.untrusted import DamagedFileError, read_json
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GRAY, VERMILLION, save_figure, style
+from navrl.viz.style import BLACK, BLUE, CYCLE, GRAY, GREEN, VERMILLION, save_figure, style
 
 _REMEDY = "run navrl-benchmark again"
 _COLUMNS = 3  # columns of small panels, right of the bars

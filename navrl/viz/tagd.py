@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, FancyArrow, Patch
 
 from navrl.evaluation.recording import Recording
 from navrl.viz.legend import ArrowHandler
-from navrl.viz.style import BLACK, BLUE, GREEN, GRAY, ORANGE, PURPLE, VERMILLION, save_figure, style
+from navrl.viz.style import BLACK, BLUE, GRAY, GREEN, ORANGE, PURPLE, VERMILLION, save_figure, style
 
 _NOW, _BEFORE, _CENTER = BLUE, ORANGE, GREEN
 _CLOSE_UP_M = 0.55  # half the width of the close-up
