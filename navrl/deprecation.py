@@ -1,4 +1,4 @@
-"""Names of the release before: they resolve to the new ones with a :class:`DeprecationWarning`."""
+"""Aliases of deprecated names, which cause a :class:`DeprecationWarning`."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class CapturedUpdates:
 
     @property
     def is_recorded(self) -> bool:
-        """Whether updates are replayed from a recording."""
+        """Return whether updates are replayed from a recording."""
         return bool(self._graphs)
 
     def __call__(

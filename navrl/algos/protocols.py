@@ -1,4 +1,6 @@
-"""What the trainer calls of an algorithm and of exploration; any class with these members fits."""
+"""Protocols of learning algorithms and of exploration.
+
+They contain the members that the trainer uses; any class with these members fits."""
 
 from __future__ import annotations
 

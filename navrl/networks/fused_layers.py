@@ -15,7 +15,7 @@ Layer = tuple[Tensor, Tensor, bool]
 
 
 def can_fuse(value: Tensor) -> bool:
-    """Return whether :func:`fused_layers` supports ``value`` and is faster than separate layers.
+    """Return whether :func:`fused_layers` is faster for ``value`` than separate layers.
 
     This holds for bfloat16 on the CPU, from autocast or the input's dtype: oneDNN writes the
     activated output directly, which halves the time for the wide and shallow layers of the

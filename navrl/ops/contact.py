@@ -1,4 +1,4 @@
-"""Contact of a disc-shaped robot with oriented boxes, and classification of the at-fault party.
+"""Contact of a disc-shaped robot with oriented boxes, classified by the at-fault party.
 
 Scalar functions in plain Python: the kernel of the batched simulator is compiled from them, and the
 single-robot simulator calls them directly.
@@ -14,7 +14,7 @@ MOVING_SPEED = 0.05  # m/s; a slower robot counts as stationary and is never at 
 def nearest_point_on_box(
     x: float, y: float, cx: float, cy: float, hx: float, hy: float, cos: float, sin: float
 ) -> tuple[float, float]:
-    """Return the point of a box nearest to (x, y); a point inside the box is returned unchanged.
+    """Return the point of a box that is nearest to (x, y); this point itself if inside the box.
 
     All lengths are in m: the box has its center at (cx, cy) and half sizes (hx, hy); ``cos`` and
     ``sin`` are those of its yaw.

@@ -1,4 +1,4 @@
-"""Temporal accumulation group descriptors (TAGD): obstacle motion between two aligned scans."""
+"""Temporal accumulation group descriptors (TAGD) of two aligned scans."""
 
 from __future__ import annotations
 

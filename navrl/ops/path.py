@@ -1,4 +1,4 @@
-"""Arc-length parametrization of a global path: projection of a position, points ahead, length.
+"""Arc-length parametrization of a global path: projections, points ahead, length.
 
 A path is a polyline ``[*B, P, 2]`` in m, any frame; repeating its last point (padding) does not
 change the results. All functions are batched over ``*B``.

@@ -1,4 +1,4 @@
-"""Min-pooling of a lidar scan: reduce beams to a few points and retain the nearest obstacle."""
+"""Min-pooling of a lidar scan to a few points that retain the nearest obstacles."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def _flat_table(layout: ScanLayout, device: torch.device) -> Tensor:
 def _directions(
     layout: ScanLayout, bearing: Bearing, dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """Return the unit vectors of the bins ``[N, 2]``, followed, if needed, by those of all beams.
+    """Return the unit vectors of the bins ``[N, 2]`` and, if needed, those of all beams.
 
     The N * M beams are ordered as in :meth:`ScanLayout.beams_by_bin`.
     """

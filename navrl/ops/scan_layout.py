@@ -100,7 +100,7 @@ class ScanLayout:
 
     @property
     def is_plain(self) -> bool:
-        """Whether consecutive beams fill the bins in order, as in simulated scans."""
+        """Return whether consecutive beams fill the bins in order, as in simulated scans."""
         full = self.group_size is not None and self.num_beams == self.num_bins * self.group_size
         return full and (*self.mount, self.angle_min) == (0.0,) * 4 and self.increment > 0.0
 

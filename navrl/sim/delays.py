@@ -125,7 +125,7 @@ class ScanMemory:
 
     @property
     def is_used(self) -> bool:
-        """Whether scans are older than the state."""
+        """Return whether scans are older than the state."""
         return self.num_steps > 0
 
     def reset(self, worlds: Tensor, now: dict[str, Tensor]) -> None:

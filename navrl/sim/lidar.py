@@ -13,7 +13,7 @@ from navrl.ops.scan_layout import ScanLayout
 
 
 class Lidar:
-    """A planar scanner; beam j points at ``angle_min + j angle_increment`` from the mount's x axis.
+    """Planar lidar; beam j points at ``angle_min + j angle_increment`` in the mount's frame.
 
     :meth:`beam_angles` is the source for ray casting, pooling, pictures and the runner. Nothing
     within ``max_range`` reads exactly ``max_range``. A scanner inside of a box reads 0 in every

@@ -12,9 +12,10 @@ class NStepReturn:
     """Combine single steps to transitions over up to ``num_steps``, incrementally.
 
     A step is delayed until ``num_steps - 1`` later steps are known. Its reward is then the
-    discounted sum up to the horizon or the end of its episode, whichever is first, and ``next`` the
-    state after the last of them. Rewards propagate ``num_steps`` times as fast through bootstrapped
-    values. The returns are those of the behavior policy, without off-policy correction.
+    discounted sum up to the horizon or, if earlier, the end of its episode, and ``next`` the state
+    after the last of these steps. Rewards propagate ``num_steps`` times as fast through
+    bootstrapped values. The returns are those of the behavior policy, without off-policy
+    correction.
 
     Args:
         num_steps: Horizon; 1 returns every step unchanged and without delay.

@@ -99,7 +99,7 @@ class ObservationMap(Transform):
 def map_reset_rows(
     transform: Transform, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
 ) -> TensorDictBase:
-    """Apply a transform's ``_call`` to the rows that were reset; the others keep present values.
+    """Apply a transform's ``_call`` to the rows that were reset and to no others.
 
     TorchRL throws the other rows of a partial reset away, but statistics of whole batches behind
     the transform (VecNorm) read them. TorchRL's own ``TransformedEnv`` hides the present values;
@@ -187,7 +187,7 @@ def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorS
 
 
 def world_values(*values: Tensor) -> tuple[Tensor, ...]:
-    """Return world coordinates in a common precision: float64 if any of them has it, else float32.
+    """Return world coordinates in float64 if any of them has it, else in float32.
 
     Near (5e5, 5.6e6) m, typical of maps in UTM coordinates, float32 has a resolution of half a
     meter; therefore coordinates are converted to float32 only after their subtraction.

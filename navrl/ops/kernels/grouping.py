@@ -43,7 +43,7 @@ def has_return(rows):
 
 @reordering_scalar
 def clipped(x, y, distance, ray_x, ray_y, cos_half_sector, max_range):
-    """Return the distance of a point, capped at ``max_range``; ``max_range`` outside the sector."""
+    """Return the distance of a point, at most ``max_range``; ``max_range`` outside the sector."""
     along = x * ray_x + y * ray_y
     is_inside = (along >= cos_half_sector * distance) & (distance < max_range)
     return distance if is_inside else max_range

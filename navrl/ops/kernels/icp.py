@@ -252,7 +252,7 @@ def align_scans(
     seen: Tensor | None,
     options: IcpOptions,
 ) -> tuple[Tensor, ...]:
-    """Run the kernel of :func:`navrl.ops.icp.align` on scans [S, N, 2]; return Alignment fields."""
+    """Align scans [S, N, 2] for :func:`navrl.ops.icp.align`; return fields of its result."""
     count = source.shape[0]
     motion = source.new_empty(count, 3, dtype=torch.float64)
     rmse = source.new_empty(count, dtype=torch.float64)

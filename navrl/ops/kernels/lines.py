@@ -12,7 +12,7 @@ _FAR = 1e9  # m; coordinate of points that are no returns
 
 @reordering_scalar
 def sum_neighbors(x, y, sums):
-    """Write number and second moments of the neighbors of each point, relative to it, to ``sums``.
+    """Write number and moments of the neighbors of each point, relative to it, to ``sums``.
 
     ``x`` and ``y`` are padded by HALF_WINDOW points on both sides; ``sums`` is [4, N].
     """

@@ -1,4 +1,4 @@
-"""Exact nearest-neighbor search between two scans ordered by bearing, mostly within a window.
+"""Exact windowed nearest-neighbor search between two scans ordered by bearing.
 
 After the rotation by the estimated yaw, the nearest neighbor of point i of one scan is among a few
 points around index i of the other. This window is searched for all points at once in a vectorized
@@ -69,7 +69,7 @@ def unroll(points, weights, rows):
 
 @scalar
 def first_column(shift, num_target):
-    """Return the start of the window of point 0 in the unrolled target, with a margin before it."""
+    """Return the start of the first point's window in the unrolled target, minus a margin."""
     room = num_target // 3
     return room + (shift - WINDOW // 2 - room) % num_target
 
