@@ -67,14 +67,14 @@ def test_imports_point_down(path):
 
 
 @pytest.mark.parametrize("path", FILES, ids=names)
-def test_dependencies_stay_at_home(path):
+def test_dependencies_are_imported_only_where_allowed(path):
     place = names(path)
     for imported in imports(path):
         homes = HOMES.get(imported.split(".")[0])
         assert homes is None or place.startswith(homes), f"{place} imports {imported}"
 
 
-def test_no_modules_import_each_other_in_a_circle():
+def test_modules_have_no_import_cycles():
     """Imports under ``TYPE_CHECKING`` and within functions count."""
     modules = {module(path): path for path in FILES}
     arrows = {name: needed(path, modules) - {name} for name, path in modules.items()}
@@ -104,7 +104,7 @@ def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
     return sorted((list(ring) for ring in rings), key=len, reverse=True)
 
 
-def test_circles_are_found():
+def test_import_cycles_are_detected():
     arrows = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": set()}
     assert circles(arrows) == [["a", "b", "c"]]
 

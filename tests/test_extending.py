@@ -85,7 +85,7 @@ def first_episodes(run):
     return env, env.reset()
 
 
-def test_every_file_is_asked_for_by_a_command():
+def test_every_documented_file_is_used_by_a_command():
     chosen = " ".join(COMMANDS)
     texts = pages.files(PAGE)
     for name in texts:
@@ -173,7 +173,7 @@ def test_own_algorithm(here):
     assert {"loss_alpha", "loss_qvalue"} <= {column.rpartition("/")[2] for column in columns}
 
 
-def test_algorithm_without_the_members_is_refused(here, capsys):
+def test_algorithm_without_the_members_is_rejected(here, capsys):
     words = ["algorithm._target_=builtins.dict", *pages.TINY_TRAINING]
     with pytest.raises(SystemExit, match="2"):
         pages.run(printed("algorithm=sac"), *words)
@@ -241,13 +241,13 @@ def test_own_base(here):
     assert command.shape == (3,) and abs(command).max() > 0
 
 
-def test_a_mistake_in_an_own_file_is_answered_in_a_line(here, capsys):
+def test_error_in_a_users_file_is_one_line(here, capsys):
     with pytest.raises(SystemExit, match="2"):
         pages.run(printed("robot=cart"), "+robot.wings=2", *pages.TINY_TRAINING)
     assert capsys.readouterr().err.startswith("navrl: ")
 
 
-def test_compose_is_left_as_it_was():
+def test_compose_state_is_restored():
     """Commands run in this process must leave no search path behind."""
     with pytest.raises(Exception, match="cart"):
         compose("train", ["robot=cart"])

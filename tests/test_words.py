@@ -47,7 +47,14 @@ WORDS = (  # without a technical meaning
     "on the spot",
     "is silent",
 )
-
+TEST_WORDS = (  # the same, in names of tests
+    *("nobody", "somebody", "everybody", "anybody", "whoever", "whatever", "wherever"),
+    *("blame", "cheats?", "told", "tells?", "says?", "said", "minds?", "strangers?", "anew"),
+    *("asked", "unasked", "alone_nothing", "goes_on", "went_on", "on_the_spot", "lost"),
+    *("what", "who", "whom", "refused?", "survives?", "heals?", "forgets?", "believed"),
+    *("stands?_still", "stands?_beside", "by_hand", "left_alone", "no_more", "somewhere"),
+)
+MAX_NAME = 60  # characters of a test's name
 
 
 def texts() -> Iterator[tuple[Path, int, str]]:

@@ -1,6 +1,7 @@
 """Protocols of learning algorithms and of exploration.
 
-They contain the members that the trainer uses; any class with these members fits."""
+They contain the members that the trainer uses; any class with these members fits.
+"""
 
 from __future__ import annotations
 

@@ -172,13 +172,13 @@ def test_sector_ahead_follows_the_lidar_mount():
     assert check(mount=(0.0, 0.0, math.pi)).state(with_sector(np.nan, -60, 60)) is DriveState.DRIVE
 
 
-def test_two_thirds_of_beams_lost_at_random_is_not_blind():
+def test_scan_without_two_thirds_of_beams_is_not_blind():
     ranges = corridor()
     ranges[np.random.default_rng(0).random(BEAMS) < 0.66] = np.nan
     assert check().state(ranges) is DriveState.DRIVE
 
 
-def test_blind_scan_is_not_remembered(runner):
+def test_blind_scan_is_not_stored(runner):
     near = with_sector(1.0, -20, 20)
     commands = []
     for blind in ([], [DEAD["all inf"], DEAD["all NaN"]]):
@@ -207,7 +207,7 @@ def test_robot_outside_the_goal_radius_drives(runner):
 
 
 @pytest.mark.parametrize("pose", [(1, 5, 0), (1, -2.1, 0), (7, 0, 0), (3e38, 0, 0), (1e3, 1e3, 0)])
-def test_robot_far_from_its_path_stops_and_forgets_the_pose(runner, pose):
+def test_robot_far_from_its_path_stops_and_resets_the_pose(runner, pose):
     commands = []
     for is_lost in (False, True):
         runner.reset()
@@ -271,7 +271,7 @@ def test_shield_of_a_faster_robot_is_clipped():
 
 
 @pytest.mark.parametrize("fault", ["raises", "not finite"])
-def test_failed_decision_is_not_remembered(fault):
+def test_failed_decision_is_not_stored(fault):
     bundle = load_bundle(ZOO / "paper")
     parts = (bundle.build(part) for part in ("lidar", "robot"))
     broken = {"now": False}

@@ -35,7 +35,7 @@ def read(file):
         return list(csv.DictReader(opened))
 
 
-def test_without_the_paper_the_best_that_sees_no_truth_is_the_reference(tmp_path):
+def test_default_reference_is_the_best_non_privileged_policy(tmp_path):
     runs = {"random": [HIT] * 4, "dwa": [WON, WON, HIT, HIT], "mine": [HIT, HIT, WON, WON]}
     (table,) = tables_of(tmp_path, oracle=[WON] * 4, **runs)
     assert table.reference == "dwa"  # as good as mine, and first by name
@@ -49,12 +49,12 @@ def test_without_the_paper_the_best_that_sees_no_truth_is_the_reference(tmp_path
     assert "success vs `dwa`" in markdown(table)
 
 
-def test_without_anybody_who_is_no_ceiling_nothing_is_compared(tmp_path):
+def test_only_privileged_policies_have_no_reference(tmp_path):
     (table,) = tables_of(tmp_path, oracle=[WON] * 4, orca=[WON, HIT, HIT, HIT])
     assert table.reference is None and table.lead is None
 
 
-def test_an_approach_of_several_seeds_is_a_reference_seed_by_seed(tmp_path):
+def test_reference_with_several_seeds_is_paired_by_seed(tmp_path):
     seeds = {"a_seed_0": [WON, WON, HIT, HIT], "a_seed_1": [WON] * 4}
     others = {"b_seed_0": [WON, HIT, HIT, HIT], "b_seed_1": [WON, WON, HIT, HIT]}
     others["dwa"] = [WON, WON, LATE, HIT]
@@ -71,7 +71,7 @@ def test_an_approach_of_several_seeds_is_a_reference_seed_by_seed(tmp_path):
     assert (table.lead.best, table.lead.second) == ("a_seed_1", "b_seed_1")  # not its own seed 0
 
 
-def test_a_reference_that_nobody_played_is_an_error(tmp_path):
+def test_reference_without_evaluation_is_an_error(tmp_path):
     write_evaluation(tmp_path / "a", "dwa_seed_0", [WON])
     write_evaluation(tmp_path / "b", "random", [WON], suite_hash="other")
     runs = find_evaluations([tmp_path])
@@ -80,7 +80,7 @@ def test_a_reference_that_nobody_played_is_an_error(tmp_path):
     assert [table.reference for table in compare(runs, "random")] == [None, "random"]
 
 
-def test_the_best_is_tested_against_the_next(tmp_path):
+def test_best_policy_is_tested_against_the_second(tmp_path):
     # mine alone wins 6 episodes, dwa alone none: exact McNemar p = 2 / 2 ** 6
     runs = {"mine": [WON] * 8, "dwa": [HIT] * 6 + [WON] * 2, "random": [HIT] * 8}
     (table,) = tables_of(tmp_path, oracle=[WON] * 8, paper=[HIT] * 7 + [WON], **runs)
@@ -95,7 +95,7 @@ def test_the_best_is_tested_against_the_next(tmp_path):
     assert stored[0]["lead"]["p_value"] == pytest.approx(2 / 64)
 
 
-def test_an_error_is_paired_as_a_loss(tmp_path):
+def test_error_is_paired_as_a_failure(tmp_path):
     (table,) = tables_of(tmp_path, paper=[WON] * 6 + [HIT] * 2, dwa=["error"] * 6 + [HIT] * 2)
     row = rows_of(table)["dwa"]
     assert (row.rates["success"], row.difference) == (0.0, -0.75)
@@ -118,7 +118,7 @@ def test_p_values_of_a_column_are_corrected(tmp_path):
     assert told == pytest.approx([2 / 64, 4 / 64])
 
 
-def test_other_episodes_than_the_frozen_ones_have_no_published_figures(tmp_path):
+def test_unfrozen_episodes_have_no_published_figures(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON, HIT], suite_version=None, suite_hash="mine")
     write_evaluation(tmp_path / "b", "paper", [WON, HIT], suite_version=1)
     write_evaluation(tmp_path / "c", "paper", [WON, HIT], suite_hash="older")
@@ -151,7 +151,7 @@ def test_metric_names_of_version_0_1_are_read_and_accepted(tmp_path):
         assert table.rows[0].cheats is False
 
 
-def test_collisions_are_told_apart(tmp_path):
+def test_collisions_are_compared_by_kind(tmp_path):
     flags = {name: ["0"] * 4 for name in KINDS}
     flags["hit_by_pedestrian"] = ["0", "1", "1", ""]  # empty after an error, in files from before
     outcomes = [WON, HIT, HIT, "error"]
@@ -183,7 +183,7 @@ def test_collisions_are_told_apart(tmp_path):
     assert (row["difference"], row["pairs"]) == ("0.5", "4")
 
 
-def test_latencies_stand_beside_the_metrics(tmp_path):
+def test_latencies_are_listed_beside_the_metrics(tmp_path):
     for name in ("paper", "dwa"):
         write_evaluation(tmp_path / name, name, [WON, HIT])
     told = {"mean_ms": 3.0, "median_ms": 2.5, "p95_ms": 4.5, "max_ms": 9.0, "calls": 70}

@@ -94,7 +94,7 @@ def count(module: torch.nn.Module) -> int:
 
 
 @pytest.mark.parametrize("name", COUNTS)
-def test_baselines_have_the_sizes_counted_by_hand(name):
+def test_baseline_sizes_match_a_manual_count(name):
     observed, flat, in_actor, in_critic = COUNTS[name]
     actor, critic = make_agent(compose("train", [f"experiment={name}"]), observed)
     scan = next(s for s in actor.module.encoder.streams.values() if isinstance(s, ConvStream))
@@ -102,13 +102,13 @@ def test_baselines_have_the_sizes_counted_by_hand(name):
     assert (count(actor), count(critic)) == (in_actor, in_critic)
 
 
-def test_known_totals():
+def test_parameter_counts_are_exact():
     """As the network's files tell them."""
     assert COUNTS["liang"][2] == 297_928
     assert COUNTS["perez_darpino"][2] == 419_234
 
 
-def test_subgoal_is_the_spatial_stream_alone():
+def test_subgoal_network_has_only_the_spatial_stream():
     subgoal, _ = make_agent(compose("train", ["experiment=subgoal"]), shapes(180))
     spatial, _ = make_agent(compose("train", ["experiment=no_temporal"]), shapes(180))
     assert count(subgoal) == count(spatial) == 147_948 - 62_773 - 30 * 128
@@ -116,7 +116,7 @@ def test_subgoal_is_the_spatial_stream_alone():
 
 
 @pytest.mark.parametrize("name", COUNTS)
-def test_layers_are_those_of_the_baseline(name):
+def test_layers_equal_the_baselines(name):
     actor, critic = make_agent(compose("train", [f"experiment={name}"]), COUNTS[name][0])
     convolutions = [
         (m.out_channels, m.kernel_size[0], m.stride[0], m.padding[0])
@@ -132,7 +132,7 @@ def test_layers_are_those_of_the_baseline(name):
         assert critic.module.output[0].in_features == 2 * 256
 
 
-def test_convolutions_are_what_torch_computes_of_stacked_scans():
+def test_convolutions_equal_torch_on_stacked_scans():
     torch.manual_seed(0)
     stream = ConvStream(["ranges_previous_scaled", "ranges_pooled_scaled"], shapes(180), **LIANG)
     scans = torch.randn(2, 7, 3, 180)
@@ -172,7 +172,7 @@ def test_streams_with_and_without_attention_compose(batch):
     assert td["state_action_value"].shape == (*batch, 1)
 
 
-def test_attention_of_none_is_no_key():
+def test_streams_without_attention_have_no_attention_key():
     streams = {"scan": partial(ConvStream, in_keys=["ranges_pooled_scaled"], **PEREZ)}
     make = partial(make_actor, partial(StreamEncoder, streams=streams), shapes(180))
     assert make(with_attention=True).out_keys == ["action"]
@@ -241,7 +241,7 @@ def attending(**options):
     return ConvAttentionStream(["ranges_history_scaled"], sizes, **{**BEST, **options})
 
 
-def test_attention_is_over_places_and_their_order_is_kept_beside_it():
+def test_conv_attention_keeps_ordered_features():
     stream = attending()
     feature, weights = stream(torch.rand(3, 2, 4, 180), torch.rand(3, 2, 5, 2))
     assert feature.shape == (3, 2, stream.out_features) == (3, 2, 12 + 10)
@@ -263,7 +263,7 @@ def test_scans_of_one_key_or_of_several_are_channels():
         torch.testing.assert_close(ours, theirs)
 
 
-def test_circular_places_turn_with_the_scan():
+def test_circular_padding_is_equivariant_to_rotation():
     """A place of four beams sees the beams of its own sector in its middle."""
     stream, scan = attending(), torch.rand(1, 4, 180)
     places = stream.convolve(scan)

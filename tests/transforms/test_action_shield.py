@@ -58,7 +58,7 @@ def hull_gap(command: tuple[float, float], point, motion=(0.0, 0.0), horizon: fl
 
 
 @pytest.mark.parametrize("command", [(1.0, 0.0), (0.0, 3.14), (0.371, -1.234)])
-def test_a_command_that_stays_clear_passes_to_the_bit(command):
+def test_safe_command_is_unchanged_bit_for_bit(command):
     scan = seen((1.5, 0.4), (0.3, 1.4))
     assert driven(scan, *command) == tuple(torch.tensor(command).tolist())
 
@@ -70,7 +70,7 @@ def test_points_without_return_are_no_obstacle():
     assert driven(scan, 1.0) == (1.0, 0.0)
 
 
-def test_the_most_similar_command_that_stays_clear_is_driven():
+def test_unsafe_command_becomes_the_most_similar_safe_one():
     """A point 0.45 m ahead: of all commands of the grid none that stays clear is nearer."""
     command = driven(seen((0.45, 0.0)), 1.0)
     assert hull_gap((1.0, 0.0), (0.45, 0.0)) < MARGIN <= hull_gap(command, (0.45, 0.0)) + 1e-3
@@ -92,7 +92,7 @@ def end_gap(v: float, w: float, t: float, point) -> float:
     return math.hypot(point[0] - chord * math.cos(half), point[1] - chord * math.sin(half)) - RADIUS
 
 
-def test_without_a_way_out_the_most_room_is_kept():
+def test_largest_clearance_is_chosen_without_a_safe_command():
     ring = [(0.19 * math.cos(a), 0.19 * math.sin(a)) for a in torch.linspace(0, 6.2, 60).tolist()]
     v, _ = driven(seen(*ring), 1.0)
     assert v == 0.0
@@ -130,7 +130,7 @@ def test_a_command_along_a_wall_within_the_margin_passes():
     assert turned[1] <= 0.0 and turned[0] > 0.4
 
 
-def test_present_clearance_counts():
+def test_present_clearance_is_considered():
     """Driving away at any speed has the clearance of now: the most similar command is driven."""
     behind = (-(RADIUS + 0.01), 0.0)
     assert driven(seen(behind), 0.25) == (0.25, 0.0)
@@ -148,7 +148,7 @@ def test_present_and_each_half_step_are_checked():
     assert ActionShield(checks_per_step=1).times == pytest.approx([0.0, 0.2, 0.4])
 
 
-def test_ties_go_to_the_most_similar_command():
+def test_ties_choose_the_most_similar_command():
     """A point within the margin ahead: all that drive no nearer tie at the present clearance."""
     point = (RADIUS + 0.01, 0.0)
     v, w = driven(seen(point), 0.5, 1.0)
@@ -164,7 +164,7 @@ def test_a_robot_that_drives_backwards_can_stop():
     assert v == 0.0
 
 
-def test_pedestrians_walk_on_with_their_descriptors():
+def test_descriptors_predict_pedestrian_motion():
     """Somebody comes from the left, 0.2 m a step: in 0.4 s he is in front of the robot."""
     person, motion = (0.5, 0.45), (0.0, -0.2)
     assert driven(seen(person), 1.0) == (1.0, 0.0)
@@ -178,7 +178,7 @@ def test_pedestrians_walk_on_with_their_descriptors():
     [((0.0, -0.03), True), ((0.0, -0.5), True), ((0.0, -0.2), False)],
     ids=["noise", "mismatch", "seen once"],
 )
-def test_what_is_no_motion_moves_nobody(motion, valid):
+def test_noise_is_not_predicted_as_motion(motion, valid):
     assert driven(seen((0.5, 0.45), motion=motion, valid=valid), 1.0) == (1.0, 0.0)
 
 
@@ -195,7 +195,7 @@ def test_only_points_around_a_moved_group_move():
 @pytest.mark.parametrize(
     ("step", "moves"), [(0.04, False), (0.06, True), (0.29, True), (0.31, False)]
 )
-def test_motion_between_least_and_most_counts(step, moves):
+def test_displacement_limits_select_moving_groups(step, moves):
     points = torch.tensor([[[1.0, 0.0]]])
     tagd = torch.tensor([[[1.0, step, 1.0, 0.0]]])
     valid = torch.ones(1, 1, 2, dtype=torch.bool)
@@ -205,14 +205,14 @@ def test_motion_between_least_and_most_counts(step, moves):
     torch.testing.assert_close(motion[0, 0], torch.tensor([0.0, -step if moves else 0.0]))
 
 
-def test_room_is_taken_at_the_time_of_the_place():
+def test_clearance_is_measured_at_the_time_of_each_position():
     places = torch.tensor([[[[0.0, 0.0], [1.0, 0.0]]]])
     points, motion = torch.tensor([[[2.0, 0.0]]]), torch.tensor([[[0.5, 0.0]]])
     room = room_along(places, points, motion, [1, 4])
     torch.testing.assert_close(room, torch.tensor([[[2.5, 3.0]]]))
 
 
-def test_the_environment_gets_the_command_and_the_caller_keeps_its_action():
+def test_caller_keeps_the_unshielded_action():
     env = TransformedEnv(RoomEnv(64, done_rate=0.0), Compose(*pipeline(), ActionScaling()))
     check_env_specs(env)
     got, step = [], env.base_env._step
@@ -246,7 +246,7 @@ def test_any_batch_shape_and_device(batch, device):
     torch.testing.assert_close(command.reshape(-1, 2).cpu(), alone)
 
 
-def test_stored_data_keeps_the_policys_action():
+def test_stored_data_contains_the_policys_action():
     scan = seen((0.25, 0.0)).set("action", torch.tensor([1.0, 0.0]))
     assert ActionShield()(scan.clone())["action"].tolist() == [1.0, 0.0]
 

@@ -48,7 +48,7 @@ def read(name, *overrides):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_builds_and_runs(name):
+def test_pipeline_builds_and_runs(name):
     room = RoomEnv(num_beams=BEAMS.get(name, 1440))
     env = TransformedEnv(room, instantiate(read(name), _convert_="all"))
     check_env_specs(env)
@@ -67,7 +67,7 @@ def test_waypoints_far_ahead_lie_on_the_same_projection():
     assert (near - far.mean(-2)).norm(dim=-1).max() < 0.2  # 1.0 m: between 0.9 m and 1.2 m
 
 
-def test_paper_is_the_constructors_defaults():
+def test_paper_config_equals_the_defaults():
     for name, node in read("paper").items():
         if name == "_target_":
             continue
@@ -78,7 +78,7 @@ def test_paper_is_the_constructors_defaults():
                 assert (list(default) if isinstance(default, tuple) else default) == value
 
 
-def test_icp_options_are_the_named_ones():
+def test_icp_options_equal_the_named_options():
     for name, expected in (("paper", PAPER), ("robust", ROBUST)):
         step = instantiate(read(name).icp_align, _convert_="all")
         assert asdict(step.options) == asdict(expected)
