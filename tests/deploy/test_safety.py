@@ -50,8 +50,8 @@ DEAD = {
     "all NaN but one": but(1, 3.0, np.nan),
     "all inf but 14": but(14, 3.0, np.inf),
     "all zero but 14": but(14, 3.0, 0.0),
-    "integer millimetres": (1000 * corridor()).astype(np.int64),
-    "millimetres": 1000 * corridor(),
+    "integer millimeters": (1000 * corridor()).astype(np.int64),
+    "millimeters": 1000 * corridor(),
     "NaN ahead": with_sector(np.nan, -10, 11),
     "negative ahead": with_sector(-1.0, -10, 11),
     "NaN to the left": with_sector(np.nan, 60, 75),
@@ -119,12 +119,12 @@ def test_scan_without_returns_is_blind_by_default():
     assert check().state(person) is DriveState.DRIVE
     relaxed = SafetyLimits(min_measured_share=0.0)
     assert check(relaxed).state(empty) is DriveState.DRIVE
-    for name in ("all NaN", "all negative", "millimetres", "NaN ahead"):
+    for name in ("all NaN", "all negative", "millimeters", "NaN ahead"):
         assert check(relaxed).state(DEAD[name]) is DriveState.BLIND
 
 
 def test_scan_in_millimeters_measures_nothing():
-    assert check(SafetyLimits(max_gap=7.0)).state(DEAD["millimetres"]) is DriveState.BLIND
+    assert check(SafetyLimits(max_gap=7.0)).state(DEAD["millimeters"]) is DriveState.BLIND
 
 
 @pytest.mark.parametrize("code", [25.0, 65.533, 655.35, 3e38, np.inf, 0.0])

@@ -166,7 +166,7 @@ def test_restored_state_draws_the_same_episodes():
     assert torch.equal(env.reset()["pose"], other.reset()["pose"])
 
 
-def test_without_scenarios_reset_names_what_is_missing():
+def test_reset_without_scenarios_names_the_missing_argument():
     simulator = BatchedSimulator(1, DifferentialDrive(), Lidar(num_beams=72))
     with pytest.raises(ValueError, match=r"scenarios=None: call set_scenarios\(\)"):
         NavigationEnv(simulator, None, TERMS).reset()

@@ -148,7 +148,7 @@ def test_distances_to_people_are_between_surfaces():
     ("function", "limit"), [(metrics.beyond_intimate, 0.45), (metrics.beyond_personal, 1.2)]
 )
 def test_personal_space_has_halls_distances(function, limit):
-    # one person, the surfaces a millimetre within and beyond the limit: radius 0.2, half side 0.1
+    # one person, the surfaces a millimeter within and beyond the limit: radius 0.2, half side 0.1
     for gap, expected in ((limit - 1e-3, 0.0), (limit + 1e-3, 1.0)):
         people = [[standing(0.3 + gap, 0.0)] * 2]
         assert value(function, *along(0.0, 0.0), people=people) == expected

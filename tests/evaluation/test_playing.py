@@ -139,7 +139,7 @@ def test_failed_episode_is_stored_with_its_reproduction(tmp_path, monkeypatch):
     assert told["traceback"][-1] == "ZeroDivisionError: not this one"
     assert Scenario.from_dict(told["scenario"]).to_json() == bad.to_json()
     kept = {int(path.stem) for path in (tmp_path / "recordings").glob("*.npz")}
-    assert kept == {0, 1, 2, 4, 5}  # its neighbour, played once more, too
+    assert kept == {0, 1, 2, 4, 5}  # its neighbor, played once more, too
 
 
 @pytest.mark.parametrize("policy", ["random", "paper"])

@@ -112,7 +112,7 @@ def test_rows_correspond_to_time_steps(env, scenario):
     assert np.allclose(chord, arc * np.sinc(half_turn / np.pi), atol=1e-5)
     turn = np.diff(recording.pose[:-1, 2])
     assert np.allclose(np.sin((turn - 2 * half_turn) / 2), 0.0, atol=1e-5)
-    assert np.abs(free[:, 1]).max() > 1.5  # rad/s, not normalised
+    assert np.abs(free[:, 1]).max() > 1.5  # rad/s, not normalized
 
 
 def test_recording_contains_observations_and_actions(env, policy, scenario, recording):

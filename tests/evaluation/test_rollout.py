@@ -1,4 +1,4 @@
-"""Episodes whose end is known beforehand, and records that do not depend on their neighbours."""
+"""Episodes whose end is known beforehand, and records that do not depend on their neighbors."""
 
 import math
 

@@ -20,9 +20,9 @@ from navrl.evaluation.statistics import (
 @pytest.mark.parametrize("confidence", [0.9, 0.95])
 def test_wilson_interval_equals_the_score_interval(successes, total, confidence):
     z, rate = norm.ppf((1 + confidence) / 2), successes / total
-    centre = (rate + z**2 / (2 * total)) / (1 + z**2 / total)
+    center = (rate + z**2 / (2 * total)) / (1 + z**2 / total)
     half = z * math.sqrt(rate * (1 - rate) / total + z**2 / (4 * total**2)) / (1 + z**2 / total)
-    expected = max(centre - half, 0.0), min(centre + half, 1.0)
+    expected = max(center - half, 0.0), min(center + half, 1.0)
     assert wilson_interval(successes, total, confidence) == pytest.approx(expected, abs=1e-12)
 
 

@@ -90,7 +90,7 @@ def test_overrides_of_a_recording_are_rejected():
             check_drawing(compose("play", ["recording=file.npz", word]))
 
 
-def test_what_a_benchmark_does_not_use_is_an_error():
+def test_unused_override_of_a_benchmark_is_an_error():
     check_measured(["transforms=robust", "replay.batch_size=4", "+effort.x=1", "pool_size=3"])
     words = ["suite=table1", "suite.seed=3", "simulator@final_simulator=bullet", "resume=a"]
     words += ["replay.capacity=7", "schedule.total_frames=5", "+deployment.transforms.x=1"]

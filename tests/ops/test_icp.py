@@ -302,7 +302,7 @@ def test_lines_of_a_square_room():
     following = scan.points.roll(-1, 1) - scan.points
     both = lines.is_line & lines.is_line.roll(-1, 1) & (following.norm(dim=-1) < 0.2)
     slide = (following * lines.normal).sum(-1).abs() / following.norm(dim=-1).clamp(min=1e-6)
-    assert slide[both].median() < 0.01  # neighbours lie along the line
+    assert slide[both].median() < 0.01  # neighbors lie along the line
 
 
 def test_lines_do_not_reach_across_a_gap():
@@ -311,7 +311,7 @@ def test_lines_do_not_reach_across_a_gap():
     points = torch.stack([torch.where(y < 0, 1.0, 2.0), y], dim=-1)
     returns = torch.ones(40, dtype=torch.bool)
     lines = fit_lines(points, returns)
-    ahead = slice(3, -3)  # the first and last points are neighbours across the scan's seam
+    ahead = slice(3, -3)  # the first and last points are neighbors across the scan's seam
     assert lines.is_line[ahead].all()
     torch.testing.assert_close(lines.normal[ahead, 0].abs(), torch.ones(34))
 

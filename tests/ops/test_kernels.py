@@ -71,7 +71,7 @@ def test_alignment_equals_torch_for_any_number_of_points(num_points):
 
 @pytest.mark.parametrize("scale", [0.1, 0.2, 1.0])
 def test_alignment_equals_torch_far_from_the_start(scale):
-    """Beside a wall a step moves bearings by more than any window; no neighbour may be missed."""
+    """Beside a wall a step moves bearings by more than any window; no neighbor may be missed."""
     source, returns, target, target_returns = scan_pairs(seed=6)
     generator = torch.Generator().manual_seed(8)
     motion = 0.4 * torch.rand(len(source), 3, generator=generator) - 0.2

@@ -31,12 +31,12 @@ def test_rotation_by_whole_bins_rolls_the_scan():
 
 
 def test_nearest_point_wins_and_empty_bins_are_filled():
-    centre = bin_centers(8, 1, torch.float32)
+    center = bin_centers(8, 1, torch.float32)
     points = torch.zeros(8, 2)
     points[:, 0] = torch.tensor([3.0, 2.0, 2.5, 9.0, 3.4, 3.4, 3.4, 3.4])  # all in the first bin
     fill = torch.arange(8.0)
     assert project_ranges(points, fill, 1).tolist() == [2.0, *range(1, 8)]
-    far = 9.0 * torch.stack([centre.cos(), centre.sin()], -1)
+    far = 9.0 * torch.stack([center.cos(), center.sin()], -1)
     assert project_ranges(far, fill, 1, max_range=3.5).tolist() == [3.5] * 8
 
 

@@ -40,8 +40,8 @@ def test_free_distance_is_exact():
     is_stopped = free.isfinite()
     assert 0.5 < is_stopped.double().mean() < 1.0
     for share in torch.linspace(0.0, 1.0, 21):
-        centre = polar(share * free.clamp_max(4.0), bearing).unsqueeze(-2)
-        gap = torch.where(returns, (points - centre).norm(dim=-1), math.inf)
+        center = polar(share * free.clamp_max(4.0), bearing).unsqueeze(-2)
+        gap = torch.where(returns, (points - center).norm(dim=-1), math.inf)
         assert (gap >= RADIUS - 1e-9).all()
     beyond = polar(free + 1e-3, bearing).unsqueeze(-2)
     gap = torch.where(returns, (points - beyond).norm(dim=-1), math.inf).amin(-1)

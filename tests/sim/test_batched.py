@@ -180,8 +180,8 @@ def test_contact_between_steps_is_detected(x, contact):
     person = walker((x, -0.4), (x, 5.0), speed=4.0, half_size=(0.05, 0.05))
     world = scene(pedestrians=[person])
     for time_s in (0.0, 0.2):
-        centre = pedestrian_boxes(pack(world), torch.tensor([time_s]))[0, 0, :2]
-        assert centre.norm() - 0.05 * math.sqrt(2) - RADIUS > 0.15
+        center = pedestrian_boxes(pack(world), torch.tensor([time_s]))[0, 0, :2]
+        assert center.norm() - 0.05 * math.sqrt(2) - RADIUS > 0.15
     state = drive(placed(world), 0.0, 0.0)
     assert state.contact[0] == contact
     assert (state.time_s[0] < 0.15) == (contact != Contact.NONE)

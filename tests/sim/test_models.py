@@ -95,7 +95,7 @@ def test_a_drive_through_the_interface_equals_the_compiled_one():
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
-def test_reactive_pedestrian_walks_where_its_model_says(simulator):
+def test_reactive_pedestrian_walks_to_its_targets(simulator):
     sim = make(simulator, scene(pedestrians=[stander(1.0, 0.0)]), pedestrians=Fleeing(speed=0.5))
     first, second = drive(sim, (0.0, 0.0), (0.0, 0.0))
     assert first.pedestrians[0, 0].tolist() == pytest.approx([1.1, 0.0, 0.15, 0.15, 0.0])

@@ -79,7 +79,7 @@ def test_any_flipped_bit_in_the_journal_is_detected(tmp_path):
         Replay(["x"], capacity=10, batch_size=4).load(tmp_path, state)
 
 
-def test_journal_load_deletes_what_is_not_listed(tmp_path):
+def test_journal_load_deletes_unlisted_files(tmp_path):
     replay = Replay(["x"], capacity=10, batch_size=4)
     replay.extend(steps(5))
     state = replay.save(tmp_path)

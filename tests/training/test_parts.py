@@ -113,7 +113,7 @@ def test_checkpoint_is_valid_beside_a_partial_successor(tmp_path):
     assert torch.equal(store.load()["x"], torch.ones(2))
 
 
-def test_log_grows_columns_and_drops_what_a_resume_repeats(tmp_path):
+def test_log_adds_columns_and_drops_repeated_rows(tmp_path):
     log = MetricsLog(tmp_path, tensorboard=False)
     log.log(10, 1, {"a": 1.0})
     log.log(20, 2, {"a": 2.0, "b": 3.0})

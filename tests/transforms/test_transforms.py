@@ -356,7 +356,7 @@ class TestWaypoints(TransformContract):
         assert (after[:2] < 10.0).all()
         assert (after[2:] == 100.0).all()
 
-    def test_step_without_progress_is_an_error_that_says_so(self):
+    def test_step_without_progress_is_explained(self):
         env = make_env([Waypoints()])
         root = env.reset().exclude(keys.PATH_PROGRESS)
         root["action"] = torch.zeros(4, 2)

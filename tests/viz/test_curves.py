@@ -82,9 +82,9 @@ def test_runs_have_distinct_colors(tmp_path, figures):
 def test_many_runs_are_distinguished_by_dashes(tmp_path, figures):
     logs = [write_log(tmp_path / f"run{i}", 0.5) for i in range(9)]
     plot_curves(logs, tmp_path / "curves", formats=(".png",))
-    labelled = [drawn for drawn in figures[0].axes[0].lines if "run" in str(drawn.get_label())]
-    assert len(labelled) == 9
-    assert len({(drawn.get_color(), drawn.get_linestyle()) for drawn in labelled}) == 9
+    labeled = [drawn for drawn in figures[0].axes[0].lines if "run" in str(drawn.get_label())]
+    assert len(labeled) == 9
+    assert len({(drawn.get_color(), drawn.get_linestyle()) for drawn in labeled}) == 9
 
 
 def test_png_and_svg_are_written(tmp_path):

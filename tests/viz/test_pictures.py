@@ -237,7 +237,7 @@ def test_failure_counts_are_read_from_evaluations(tmp_path, recording):
     assert ">5 failed episodes<" in file.read_text() and ">paper<" in file.read_text()
 
 
-def test_a_strip_names_the_episode_and_who_played_it(tmp_path, recording):
+def test_strip_names_the_episode_and_policy(tmp_path, recording):
     write_recorded(tmp_path / "a", "paper", [WON, HIT], recording)
     (file,) = pictures.strip([tmp_path / "a"], tmp_path / "strip", [".svg"])
     assert ">paper<" in file.read_text()

@@ -193,7 +193,7 @@ def click_on_heatmap(browser, across, down):
         browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **at)
 
 
-def test_the_legend_names_what_is_drawn_and_the_end_is_marked(two, lost):
+def test_legend_names_drawn_objects_and_end_is_marked(two, lost):
     two.wait("document.getElementById('story').textContent.startsWith('A pedestrian moved')")
     legend = text_of(two, "#legend")
     for name in ("robot", "goal", "global path", "pedestrian", "scan", "TAGD"):

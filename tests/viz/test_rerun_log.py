@@ -1,4 +1,4 @@
-"""What is written for rerun, read back with rerun: where it was, when, and in its colour."""
+"""What is written for rerun, read back with rerun: where it was, when, and in its color."""
 
 import dataclasses
 import sys

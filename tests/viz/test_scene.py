@@ -31,7 +31,7 @@ def collections(axes, kind, weighted=True):
 
 
 def arrows(axes, color):
-    """Start and vector of the arrows of a colour, world."""
+    """Start and vector of the arrows of a color, world."""
     wanted = tuple(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
     for quiver in axes.collections:
         if isinstance(quiver, Quiver) and np.allclose(quiver.get_facecolor()[0, :3], wanted):
@@ -60,7 +60,7 @@ def test_lidar_points_lie_on_obstacle_surfaces(recording, step):
     nearest = np.min([distance_to_box(points, box) for box in boxes], axis=0)
     assert dots.get_color() == BLACK
     assert len(points) > 50
-    assert np.quantile(nearest, 0.95) < 0.12  # noise, and the pooled point is at its bin's centre
+    assert np.quantile(nearest, 0.95) < 0.12  # noise, and the pooled point is at its bin's center
 
 
 def test_sectors_match_their_beams(recording, step):
