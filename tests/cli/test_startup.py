@@ -33,7 +33,7 @@ COMMANDS = [
     "play policy=papre",
     "benchmark rows=[scna]",
     "compare metric=[spl]",
-    "plot sourcee=a",
+    "plot sourcx=a",
 ]
 
 
