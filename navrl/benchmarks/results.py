@@ -55,9 +55,9 @@ class Row:
     Args:
         key: Unique name, for programs.
         label: Display name.
-        unit: Of the values.
-        values: One a repeat.
-        bar: What the median should reach, or ``None``.
+        unit: Unit of the values.
+        values: One value for each repetition.
+        bar: Limit of the median, or ``None``.
 
     Raises:
         ValueError: If there are no values, or one is not finite.
@@ -166,7 +166,7 @@ class Report:
     """Report of one run of the benchmark.
 
     Args:
-        machine: Where it ran.
+        machine: Description of the computer.
         rows: In the order of the table.
         series: Growth of costs; each has its row too.
         skipped: Skipped rows with reasons.

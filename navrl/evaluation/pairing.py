@@ -26,7 +26,7 @@ COMPARABLE = (
     *(m.name for m in METRICS if m.compared),
     *(f"latency_{name}" for name in _LATENCIES),
 )
-"""navrl's metrics in comparisons; success, collision and timeout are compared apart."""
+"""navrl's metrics in comparisons; success, collision and timeout have their own columns."""
 
 
 @dataclass(frozen=True)

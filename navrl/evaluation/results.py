@@ -150,10 +150,10 @@ def write_results(
     """Write ``episodes.csv`` and then ``summary.json`` into ``folder``.
 
     Args:
-        folder: Of the evaluation.
-        records: Every episode.
-        summary: What :func:`summarize` returned.
-        metrics: What was measured of each episode.
+        folder: Folder of the evaluation.
+        records: Records of all episodes.
+        summary: Result of :func:`summarize`.
+        metrics: Metrics measured in each episode.
 
     Returns:
         The written summary, with ``episodes_hash``, the SHA-256 of ``episodes.csv``.

@@ -172,7 +172,7 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        node: Of the controller; that which ``cfg.policy`` names if ``None``.
+        node: Node of the controller; the one named by ``cfg.policy`` if ``None``.
 
     Raises:
         ValueError: If there is none, listing those there are.

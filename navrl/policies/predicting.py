@@ -88,7 +88,7 @@ class StableBaselines3Policy(PredictingPolicy):
     Loading a zip runs code that is stored in it: load only files that you trust.
 
     Args:
-        file: What ``model.save`` wrote.
+        file: Zip written by ``model.save``.
         algorithm: Class in ``stable_baselines3`` that saved it, e.g. ``PPO``, ``SAC`` or ``TD3``.
 
     Raises:

@@ -25,9 +25,9 @@ class Lidar:
         noise: ``gaussian``, ``uniform`` or ``none``.
         noise_amplitude: Standard deviation of ``gaussian``, half width of ``uniform`` noise, m.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
-        height: of the scan plane over the floor, m; PyBullet casts its rays there.
-        angle_min: angle of beam 0, rad.
-        angle_increment: from one beam to the next, rad, negative if they are counted clockwise;
+        height: Height of the scan plane over the floor, m; PyBullet casts its rays there.
+        angle_min: Angle of beam 0, rad.
+        angle_increment: Angle between successive beams, rad, negative if counted clockwise;
             None spreads the beams evenly over a full circle, counter-clockwise.
 
     Raises:

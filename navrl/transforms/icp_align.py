@@ -37,7 +37,7 @@ class ICPAlign(ObservationMap):
             convergence ``[*B, 1]`` bool, number of matched pairs ``[*B, 1]`` int64.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> scan = torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]).repeat(1, 4, 1)

@@ -46,7 +46,7 @@ class MinPool(ObservationMap):
             returns ``[*B, N]`` bool; optionally the covered bins ``[*B, N]`` bool.
 
     Raises:
-        ValueError: If an argument is not as above, or if ``group_size`` does not divide the
+        ValueError: If an argument is invalid, or if ``group_size`` does not divide the
             environment's number of beams or results in another number of points.
 
     Example:

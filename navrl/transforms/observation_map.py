@@ -101,15 +101,16 @@ def map_reset_rows(
 ) -> TensorDictBase:
     """Apply a transform's ``_call`` to the rows that were reset and to no others.
 
-    TorchRL throws the other rows of a partial reset away, but statistics of whole batches behind
-    the transform (VecNorm) read them. TorchRL's own ``TransformedEnv`` hides the present values;
-    then all rows are mapped as at a reset, which is right for outputs that follow from one time.
+    TorchRL discards the other rows after a partial reset, but a later transform that computes
+    statistics of the whole batch (VecNorm) reads them. In TorchRL's own ``TransformedEnv`` the
+    present values are not available; then all rows are mapped as at a reset, which is correct for
+    outputs that depend on a single time step.
 
     Args:
-        transform: Whose outputs depend on its ``in_keys`` row by row.
-        tensordict: What the reset was asked with: ``_reset``, and the present values as
-            :class:`navrl.envs.TransformedNavigationEnv` hands them over.
-        tensordict_reset: ``[*B]``, what the environment returned.
+        transform: Transform whose outputs in a row depend on its ``in_keys`` in that row only.
+        tensordict: Argument of the reset: ``_reset``, and the present values as passed by
+            :class:`navrl.envs.TransformedNavigationEnv`.
+        tensordict_reset: ``[*B]``, result of the environment's reset.
 
     Returns:
         ``tensordict_reset`` with the outputs.

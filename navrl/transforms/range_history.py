@@ -116,14 +116,14 @@ class RangeHistory(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the past of stored data.
+        """Restore the past scans of stored data.
 
-        Under ``"next"`` the past is computed from the root, also at the end of an episode. At the
-        root a stored past is retained. Data without a stored past and without ``"next"`` is treated
-        as initial scans, whose past is the current scan.
+        Under ``"next"`` they are computed from the root, also at the end of an episode. At the
+        root, stored past scans are retained. Data without them and without ``"next"`` is treated as
+        initial scans, whose past scans are the current one.
 
         Raises:
-            ValueError: If the root of a transition lacks its past.
+            ValueError: If the root of a transition lacks the past scans.
         """
         missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
         if missing:
@@ -134,7 +134,7 @@ class RangeHistory(Transform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Add the specs of the past to those of the environment."""
+        """Add the specs of the past scans to those of the environment."""
         points = read_spec(self, observation_spec, self.in_keys[0])
         *batch, num_points, _ = points.shape
         observation_spec = observation_spec.clone()

@@ -21,9 +21,9 @@ from navrl.transforms.observation_map import (
 class ScanHistory(Transform):
     """Add the entries of time t-1 to those of time t.
 
-    The past is stored in the TensorDict, not in the transform: the value at t-1 is read from the
-    root that the caller steps. Partial resets, interleaved streams, planning and replay therefore
-    each have their own past. After a reset there is no past and the current value replaces it,
+    Previous values are stored in the TensorDict, not in the transform: the value at t-1 is read
+    from the root that the caller steps. Partial resets, interleaved streams, planning and replay
+    therefore each have their own history. After a reset the previous value equals the current one,
     which shows no motion.
 
     Args:
@@ -80,14 +80,14 @@ class ScanHistory(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the past of stored data.
+        """Restore the previous entries (time t-1) of stored data.
 
-        Under ``"next"`` the past is the current entry of the root, also at the end of an episode.
-        At the root a stored past is retained. Data without a stored past and without ``"next"`` is
-        treated as initial scans, whose past is the current scan.
+        Under ``"next"`` they are the current entries of the root, also at the end of an episode. At
+        the root, stored previous entries are retained. Data without them and without ``"next"`` is
+        treated as initial scans, whose previous entries are the current ones.
 
         Raises:
-            ValueError: If the root of a transition lacks its past.
+            ValueError: If the root of a transition lacks the previous entries.
         """
         missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
         if missing:
@@ -98,7 +98,7 @@ class ScanHistory(Transform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Add the specs of the past to those of the environment."""
+        """Add the specs of the previous entries to those of the environment."""
         specs = [read_spec(self, observation_spec, key).clone() for key in self.in_keys]
         observation_spec = observation_spec.clone()
         for key, spec in zip(self.out_keys, specs, strict=True):

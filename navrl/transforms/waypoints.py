@@ -47,7 +47,7 @@ class Waypoints(Transform):
             projection ``[*B, 1]`` m, which the next step reads.
 
     Raises:
-        ValueError: If an argument is not as above, or later if the environment lacks a key.
+        ValueError: If an argument is invalid, or later if the environment lacks a key.
 
     Example:
         >>> path = torch.tensor([[[0.0, 0.0], [4.0, 0.0]]])

@@ -81,7 +81,7 @@ def time_without_progress(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` s of whole steps without new progress along the path.
 
     Progress is the arc length of the position's projection on the planned path, as the policy sees
-    it; driving back and forth on the same part is no progress.
+    it; driving back and forth on the same part is not progress.
 
     Reference:
         FP, failure to progress, of Francis et al. 2023, who use the straight-line distance to the

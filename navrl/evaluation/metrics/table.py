@@ -74,16 +74,17 @@ RENAMED = {"run_into": "hit_by_pedestrian"}
 
 
 def values_of_error(metrics: Iterable[Metric] = METRICS) -> dict[str, float]:
-    """Return the values of an episode that raised, by name; metrics without one are left out.
+    """Return the values of an episode that raised an exception, by name.
 
-    It is no success, so nothing of what success weighs either, and no contact or timeout is known.
-    All else is undefined, since the drive was not recorded.
+    The episode counts as a failure: success and the metrics weighted by it are 0, and so are
+    contacts and timeouts. The other metrics are undefined and omitted, since the trajectory was
+    not recorded.
     """
     return {m.name: m.of_error for m in metrics if m.of_error is not None}
 
 
 OF_ERROR = values_of_error()
-"""Values of an episode that raised, by name of navrl's metrics."""
+"""Values of an episode that raised an exception, by name of navrl's metrics."""
 
 
 def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict[str, np.ndarray]:
@@ -91,7 +92,7 @@ def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict
 
     Args:
         trajectory: The episodes.
-        metrics: Which ones.
+        metrics: Metrics to compute.
 
     Raises:
         ValueError: If a metric returns another shape.
