@@ -66,7 +66,7 @@ def tagd(
         The descriptors and the validity of their two halves.
 
     Raises:
-        ValueError: If a shape or an argument is not as above; the message names it.
+        ValueError: If a shape or an argument is invalid; the message names it.
 
     Example:
         >>> now, before = torch.tensor([[1.0, 0.0]]), torch.tensor([[1.1, 0.0]])

@@ -46,7 +46,7 @@ def align(
     """Estimate the rigid motion that aligns a source scan with a target scan.
 
     Each sample of the batch iterates independently and is frozen once it converges, so its result
-    does not depend on the rest of the batch except for rounding. Points that are no returns are
+    does not depend on the rest of the batch except for rounding. Points without a return are
     ignored: the circle of maximum ranges does not move with the robot and would bias the estimate
     towards no motion.
 

@@ -27,7 +27,7 @@ def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
 
     Args:
         points: ``[*B, N, 2]`` m, finite, ordered by bearing over the full circle.
-        returns: ``[*B, N]`` bool; points that are no returns are excluded.
+        returns: ``[*B, N]`` bool; points without a return are excluded.
 
     Returns:
         Lines through the points themselves, along the larger principal axis, whose direction has

@@ -10,7 +10,7 @@ from torch import Tensor
 from navrl.deprecation import renamed_arguments
 
 FAR = 100.0
-"""Coordinate assigned to points that are no obstacle, m."""
+"""Coordinate assigned to points that are not obstacles, m."""
 
 
 def sample_commands(
@@ -30,7 +30,7 @@ def sample_commands(
         ``[num_speeds * num_turn_rates, 2]`` (v, w), m/s and rad/s.
 
     Raises:
-        ValueError: If a number of samples is not as above.
+        ValueError: If a number of samples is out of range.
 
     Example:
         >>> sample_commands(0.0, 0.5, 1.0, num_speeds=2, num_turn_rates=3)[:3].tolist()
@@ -98,7 +98,7 @@ def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[f
 
     Args:
         places: ``[N, S, T, 2]`` m, positions on S trajectories at T times, robot frame at time 0.
-        points: ``[N, P, 2]`` m, positions at time 0, :data:`FAR` for points that are no obstacle.
+        points: ``[N, P, 2]`` m, positions at time 0, :data:`FAR` for points that are not obstacles.
         motion: ``[N, P, 2]`` m per step, displacement of the points.
         steps: The T times, in steps.
 

@@ -55,7 +55,7 @@ def project_onto_path(
         The arc length of the projection and its distance.
 
     Raises:
-        ValueError: If a shape or a length is not as above; the message names it.
+        ValueError: If a shape or a length is invalid; the message names it.
 
     Example:
         >>> path = torch.tensor([[0.0, 0.0], [4.0, 0.0]])
@@ -138,7 +138,7 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
         ``[*B, 2]`` or ``[*B, K, 2]`` m.
 
     Raises:
-        ValueError: If a shape is not as above; the message names it.
+        ValueError: If a shape is invalid; the message names it.
 
     Example:
         >>> path = torch.tensor([[0.0, 0.0], [4.0, 0.0]])
@@ -208,7 +208,7 @@ def path_length(path: Tensor) -> Tensor:
     """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``.
 
     Raises:
-        ValueError: If the shape is not as above.
+        ValueError: If the shape is invalid.
 
     Example:
         >>> path_length(torch.tensor([[0.0, 0.0], [3.0, 4.0]]))

@@ -41,13 +41,13 @@ def min_pool(
 
     The minimum is conservative: the nearest obstacle of the scan is always among the pooled points.
     A reading is a return if ``0 < r < max_range``. All other values (maximum range or more,
-    infinity, NaN, zero or less, as drivers report a miss) are no returns, so an invalid beam does
+    infinity, NaN, zero or less, as drivers report a miss) are not returns, so an invalid beam does
     not affect its neighbors.
 
     The bins cover the full circle, independent of the scanner's field of view. A bin without beams
     has no return, like a free one; :meth:`navrl.ops.scan_layout.ScanLayout.seen` distinguishes the
     two. If the scanner is not mounted at the robot's center, ranges and bearings are measured from
-    the robot's center, and points at ``max_range`` or beyond from there are no returns.
+    the robot's center, and points at ``max_range`` or beyond from there are not returns.
 
     Args:
         ranges: ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment`` counter-clockwise
@@ -68,7 +68,7 @@ def min_pool(
         The pooled scan of N points, ordered by bearing, bin 0 straight ahead.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> min_pool(torch.tensor([1.0, 2.0, 3.5, 3.5]), group_size=2).ranges

@@ -34,7 +34,7 @@ class ScanLayout:
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> front = ScanLayout(num_beams=3, group_size=None, num_points=4, angle_min=-math.pi / 2,

@@ -10,13 +10,13 @@ from torch import Tensor
 from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 
-FAR = 1e9  # m; coordinate of points that are no returns
+FAR = 1e9  # m; coordinate of points without a return
 _TURN = 2.0 * math.pi
 
 
 @scalar
 def write_rows(points, returns, rows):
-    """Write x, y and distance to ``rows`` [3, N], FAR for points that are no finite returns.
+    """Write x, y and distance to ``rows`` [3, N], FAR for points without a finite return.
 
     Two loops without a branch, so that the compiler vectorizes both.
     """

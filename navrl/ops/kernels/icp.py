@@ -64,7 +64,7 @@ def gather(rows, columns, gathered):
 def weigh_pairs(returns, squared, gate_squared, weights):
     """Write 1 for each pair within the gate, else 0; return their number and squared sum.
 
-    Points that are no returns were not searched, so their ``squared`` is undefined and may be NaN.
+    Points without a return were not searched, so their ``squared`` is undefined and may be NaN.
     """
     number, total = 0.0, 0.0
     for index in range(squared.shape[0]):

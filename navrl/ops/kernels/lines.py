@@ -7,7 +7,7 @@ import numpy as np
 from navrl.ops.kernels.compiler import reordering_scalar, scalar
 from navrl.ops.lines import HALF_WINDOW, MAX_THICKNESS, MIN_POINTS, REACH_M
 
-_FAR = 1e9  # m; coordinate of points that are no returns
+_FAR = 1e9  # m; coordinate of points without a return
 
 
 @reordering_scalar

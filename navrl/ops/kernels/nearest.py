@@ -17,7 +17,7 @@ WINDOW = 17  # points; with 2 deg per point this is +-16 deg around the expected
 MARGIN = 8  # points by which the window is widened on both sides
 MAX_SEARCHES = 6  # points; beyond this, widening the window is faster than exhaustive searches
 SMALLEST = 3 * WINDOW  # points; smaller scans are searched exhaustively
-FAR = np.float32(1e9)  # m; coordinate of points that are no returns
+FAR = np.float32(1e9)  # m; coordinate of points without a return
 SAFETY_FACTOR = np.float32(0.999)  # safety factor for the rounding of the test in single precision
 
 
@@ -178,7 +178,7 @@ def find_nearest(points, weights, shift, target, is_windowed, gate, squared, mat
 
     Args:
         points: [2, N] float32, x and y of the transformed source.
-        weights: [N], zero for points that are no returns, which are not searched.
+        weights: [N], zero for points without a return, which are not searched.
         shift: Index offset from the source to the target.
         target: [4, 3 M] float32, from :func:`unroll`.
         is_windowed: Whether both scans are ordered and of the same length.
