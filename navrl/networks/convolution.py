@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -117,6 +118,7 @@ class ConvAttentionStream(ConvStream):
     """
 
     has_attention = True
+    bearings: Tensor
 
     def __init__(
         self,
@@ -126,7 +128,7 @@ class ConvAttentionStream(ConvStream):
         embedding: Sequence[int] = (64, 64),
         score: Sequence[int] = (32, 1),
         feature: Sequence[int] = (64,),
-        **options: object,
+        **options: Any,
     ) -> None:
         super().__init__(in_keys, shapes, **options)
         self.attention = LocationAttention(
@@ -179,9 +181,13 @@ def _convolutions(
             )
     modules: list[nn.Module] = []
     for index, (out_channels, *layer) in enumerate(zip(channels, *layers.values(), strict=True)):
-        num_beams = _num_outputs(num_beams, *layer, index)
-        conv = nn.Conv1d(in_channels, out_channels, *layer, padding_mode=padding_mode)
+        kernel_size, stride, padding = layer
+        num_beams = _num_outputs(num_beams, kernel_size, stride, padding, index)
+        conv = nn.Conv1d(
+            in_channels, out_channels, kernel_size, stride, padding, padding_mode=padding_mode
+        )
         nn.init.xavier_uniform_(conv.weight)
+        assert conv.bias is not None
         nn.init.zeros_(conv.bias)
         modules += [conv, nn.ReLU(inplace=True)]
         in_channels = out_channels

@@ -72,6 +72,8 @@ class ActionShield(ActionMap):
         (Fox et al. 1997) among points that move with their TAGDs.
     """
 
+    _grid: Tensor
+
     def __init__(
         self,
         radius: float = 0.178,

@@ -82,8 +82,8 @@ class DynamicWindow(Controller):
                 f"least_speed={least_speed}, most_speed={most_speed}: "
                 "must be 0 < least_speed < most_speed"
             )
-        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS]
-        self.in_keys += [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        tagd = [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS, *tagd]
         self.out_keys = [keys.ACTION]
         self.robot, self.predict_motion = robot, predict_motion
         self.time_step_s, self.horizon_steps = time_step_s, horizon_steps
