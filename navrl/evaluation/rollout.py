@@ -40,9 +40,11 @@ class Preparing(Protocol):
             ``[N]`` bool, whether the policy has a plan for the episode, or ``None`` if it does not
             plan episodes.
         """
+        ...
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write a normalized action."""
+        ...
 
 
 class Recorder(Protocol):

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 from hydra.utils import get_object
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
@@ -103,9 +103,8 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
         return None
     bundle = load_bundle(folder, cfg.allow)
     local = _with_parts(cfg, bundle.config)
-    parts = (instantiate(local[part]) for part in ("lidar", "robot"))
-    limits = SafetyLimits.simulated()
-    return PolicyRunner(instantiate(local.transforms), bundle.actor, *parts, limits)
+    transforms, lidar, robot = (instantiate(local[k]) for k in ("transforms", "lidar", "robot"))
+    return PolicyRunner(transforms, bundle.actor, lidar, robot, SafetyLimits.simulated())
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
@@ -181,7 +180,7 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
     return _replaced(cfg, OmegaConf.merge({"controller": node, **changed}, cfg.change))
 
 
-def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
+def _replaced(cfg: DictConfig, parts: DictConfig | ListConfig) -> DictConfig:
     """Return a copy of ``cfg`` with whole nodes replaced instead of merged."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)

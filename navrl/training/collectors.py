@@ -67,9 +67,11 @@ class Collector(Protocol):
             Index of the stream and its transitions. Consecutive steps of a stream come from the
             same worlds, row by row.
         """
+        ...
 
     def state_dict(self) -> dict:
         """Return the entries of a checkpoint."""
+        ...
 
     def load_state_dict(self, state: Mapping) -> None:
         """Restore the entries of :meth:`state_dict`; other entries of ``state`` are ignored."""

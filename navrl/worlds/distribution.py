@@ -88,6 +88,7 @@ class ScenarioDistribution:
         """
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
+        reason = None
         for _ in range(_TRIES):
             try:
                 return self._draw(generator, suite, seed, index)

@@ -67,7 +67,7 @@ class Office:
         corner = (half - WALL_THICKNESS / 2 - self.inset) * generator.choice([-1.0, 1.0], size=2)
         return Layout(np.array(boxes), (-half, -half, half, half), corner, -corner)
 
-    def _door(self, generator: np.random.Generator, low: float, high: float) -> Room:
+    def _door(self, generator: np.random.Generator, low: float, high: float) -> tuple[float, float]:
         margin = self.door / 2 + 2 * WALL_THICKNESS
         center = generator.uniform(low + margin, high - margin)
         return center - self.door / 2, center + self.door / 2
