@@ -87,7 +87,7 @@ class EpisodeArchive:
         attention = [name for name in DECIDED if name != keys.ACTION]
         decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
         self._decided.append(decided)
-        terms = after[keys.REWARD_TERMS]
+        terms = after.get(keys.REWARD_TERMS)
         self._terms.append(_copies(terms, terms.keys()))
         self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
 

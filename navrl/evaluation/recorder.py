@@ -38,16 +38,16 @@ class EpisodeRecorder:
         if self._outcome != Outcome.RUNNING:
             return
         before, after = stepped[self._row], stepped["next"][self._row]
-        self._contact = int(after[keys.CONTACT])
+        self._contact = int(after.get(keys.CONTACT))
         if not self._series:
             self._append(before, OBSERVED)
         self._append(after, OBSERVED)
         self._append(before, [name for name in DECIDED if name != keys.ACTION])
         command = self._env.transform.inv(stepped.exclude("next"))[keys.ACTION]
         self._series[keys.ACTION].append(_copy(command[self._row]))
-        for name, term in after[keys.REWARD_TERMS].items():
+        for name, term in after.get(keys.REWARD_TERMS).items():
             self._series[TERM + name].append(_copy(term.squeeze(-1)))
-        self._outcome = Outcome(int(after[keys.OUTCOME]))
+        self._outcome = Outcome(int(after.get(keys.OUTCOME)))
 
     def recording(self) -> Recording:
         """Return the recording of the episode.

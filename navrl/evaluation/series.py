@@ -23,7 +23,7 @@ class Series:
 
     def add(self, stepped: TensorDictBase) -> None:
         """Add a step; worlds that have ended stay ended."""
-        following = stepped["next"]
+        following = stepped.get("next")
         self._pose.append(following[keys.POSE])
         self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
         self._steps = self._steps + self.running

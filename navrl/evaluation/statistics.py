@@ -75,7 +75,7 @@ def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tup
 
 
 def bootstrap_mean(
-    values: Sequence[float], confidence: float = 0.95, resamples: int = _RESAMPLES
+    values: Sequence[float] | np.ndarray, confidence: float = 0.95, resamples: int = _RESAMPLES
 ) -> Estimate:
     """Return the mean of non-normal values, such as times, with a bootstrap interval.
 
