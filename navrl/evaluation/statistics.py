@@ -252,7 +252,7 @@ def _with_width(low: float, high: float) -> tuple[float, float]:
     return (low, high) if high > low else _UNKNOWN
 
 
-def _finite(name: str, values: Sequence[float]) -> np.ndarray:
+def _finite(name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
         raise ValueError(f"{name}={array[~np.isfinite(array)][0]}: must be finite")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import torch
 from hydra.utils import get_object
@@ -14,6 +14,7 @@ from torchrl.envs import TransformedEnv
 
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.envs.transformed import base_env
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
@@ -132,7 +133,7 @@ def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPol
                 f"policy={cfg.policy}: must build a callable from a TensorDict to one with "
                 f"'action', got {type(controller).__name__}"
             )
-        check_known_future(controller, env.base_env.simulator)
+        check_known_future(controller, base_env(env).simulator)
     except ValueError:
         env.close()
         raise
@@ -151,9 +152,8 @@ def controller_node(policy: str) -> dict[str, Any] | None:
     if bundle_folder(policy) is not None:
         return None
     check_policy_name(policy)  # never a path, which would build an unchecked node
-    return OmegaConf.to_container(
-        compose("evaluate", [f"+controller={policy}"]).controller, resolve=False
-    )
+    node = compose("evaluate", [f"+controller={policy}"]).controller
+    return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))
 
 
 def controller_class(policy: str) -> type:

@@ -37,7 +37,7 @@ def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
     """Return the feature shape (without batch) of every top-level observation of ``env``."""
     batch_dims = len(env.batch_size)
     return {
-        key: list(spec.shape[batch_dims:])
+        str(key): list(spec.shape[batch_dims:])
         for key, spec in env.observation_spec.items()
         if isinstance(spec.shape, torch.Size) and len(spec.shape) > batch_dims
     }

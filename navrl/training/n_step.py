@@ -72,7 +72,7 @@ class NStepReturn:
             steps = steps + running
             following = torch.where(running.squeeze(-1), step["next"], following)
             done = done | step["next", "done"]
-        following["reward"] = reward
+        following.set("reward", reward)
         return first.clone(False).update({"next": following, STEPS: steps})
 
     def state_dict(self) -> list[dict]:

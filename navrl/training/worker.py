@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
 from torchrl.collectors import Collector as TorchRLCollector
 from torchrl.envs import InitTracker, Transform, TransformedEnv
 
@@ -32,6 +33,9 @@ class WorkerPolicy(TensorDictModuleBase):
         behaviour: Behavior policy; copied, so that it is independent of the learner's actor. The
             copy is on the CPU, where workers act, independent of the device of the learner.
     """
+
+    frames: Tensor
+    max_dynamic: Tensor
 
     def __init__(self, behaviour: Behaviour) -> None:
         super().__init__()
