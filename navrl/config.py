@@ -119,6 +119,8 @@ def describe(error: BaseException) -> str:
 def _arguments_of(message: str) -> str:
     """Return the arguments of the target of a failed call."""
     match = re.search(r"call to target '([\w.]+)'", message)
+    if match is None:
+        return ""
     try:
         names = list(inspect.signature(hydra.utils.get_object(match[1])).parameters)
     except Exception:  # the hint must never hide the error

@@ -113,6 +113,7 @@ class CapturedUpdates:
                 self._launch(self._due())
                 after_each()
         self._look()
+        assert self._sums is not None  # there is at least one batch
         return dict(zip(self._names, self._sums.clone().unbind(), strict=True))
 
     def failure(self, wait: bool = False) -> tuple[dict[str, Tensor], TensorDictBase] | None:
@@ -129,6 +130,7 @@ class CapturedUpdates:
         if self._is_reported or not bool(self._seen):
             return None
         self._is_reported = True
+        assert self._scalars is not None
         return dict(zip(self._names, self._scalars.unbind(), strict=True)), self._batch()
 
     def _launch(self, move: Move) -> None:
@@ -153,12 +155,13 @@ class CapturedUpdates:
         def chosen(rows: Tensor) -> Tensor:
             return rows.index_select(0, self._row).squeeze(0)
 
+        assert self._batches is not None  # see _take
         return self._batches.apply(chosen, batch_size=self._batches.shape[1:])
 
     def _update(self, move: Move) -> None:
         scalars = self._gradients(self._batch())
         values = torch.stack(list(scalars.values()))
-        if self._scalars is None:
+        if self._scalars is None or self._sums is None:
             self._names, self._scalars = list(scalars), values.clone()
             self._sums = torch.zeros_like(values)
         torch.where(self._failed > 0, self._scalars, values, out=self._scalars)

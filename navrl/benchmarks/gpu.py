@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -29,7 +29,7 @@ def gpu_rows(
     env: TransformedEnv,
     learners: Mapping[str, DDPG],
     batch: TensorDictBase,
-    frames_per_s: np.ndarray,
+    frames_per_s: Sequence[float] | np.ndarray,
     budget: Budget,
 ) -> list[Row]:
     """Measure a GPU; closes the environment.

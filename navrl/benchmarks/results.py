@@ -66,7 +66,7 @@ class Row:
     key: str
     label: str
     unit: str
-    values: Sequence[float]
+    values: Sequence[float] | np.ndarray
     bar: Bar | None = None
 
     def __post_init__(self) -> None:

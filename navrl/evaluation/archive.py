@@ -11,6 +11,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.envs.transformed import base_env
 from navrl.evaluation.kept import KEPT, is_kept
 from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
 from navrl.evaluation.results import EPISODES
@@ -78,7 +79,7 @@ class EpisodeArchive:
 
     def __call__(self, stepped: TensorDictBase) -> None:
         """Add a batch of transitions."""
-        after = stepped["next"]
+        after = stepped.get("next")
         if not self._observed:
             self._observed.append(_copies(stepped, OBSERVED))
         self._observed.append(_copies(after, OBSERVED))
@@ -87,7 +88,7 @@ class EpisodeArchive:
         attention = [name for name in DECIDED if name != keys.ACTION]
         decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
         self._decided.append(decided)
-        terms = after[keys.REWARD_TERMS]
+        terms = after.get(keys.REWARD_TERMS)
         self._terms.append(_copies(terms, terms.keys()))
         self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
 
@@ -100,7 +101,7 @@ class EpisodeArchive:
         self.begin(range(0))
 
     def _recording(self, row: int, record: EpisodeRecord) -> Recording:
-        base, scenario = self._env.base_env, self._scenarios[record.index]
+        base, scenario = base_env(self._env), self._scenarios[record.index]
         steps = record.steps
         terms = {name: value[:, 0] for name, value in _series(self._terms[:steps], row).items()}
         return Recording.of_episode(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from tensordict import TensorDictBase
@@ -12,6 +13,7 @@ from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.envs import Outcome
+from navrl.envs.transformed import base_env
 from navrl.evaluation.recording import DECIDED, OBSERVED, TERM, Recording
 from navrl.evaluation.rollout import ERROR, evaluate
 from navrl.worlds import Scenario, ScenarioBatch
@@ -37,17 +39,17 @@ class EpisodeRecorder:
         """Add a batch of transitions; steps after the world's end are ignored."""
         if self._outcome != Outcome.RUNNING:
             return
-        before, after = stepped[self._row], stepped["next"][self._row]
-        self._contact = int(after[keys.CONTACT])
+        before, after = stepped[self._row], stepped.get("next")[self._row]
+        self._contact = int(after.get(keys.CONTACT))
         if not self._series:
             self._append(before, OBSERVED)
         self._append(after, OBSERVED)
         self._append(before, [name for name in DECIDED if name != keys.ACTION])
         command = self._env.transform.inv(stepped.exclude("next"))[keys.ACTION]
         self._series[keys.ACTION].append(_copy(command[self._row]))
-        for name, term in after[keys.REWARD_TERMS].items():
+        for name, term in after.get(keys.REWARD_TERMS).items():
             self._series[TERM + name].append(_copy(term.squeeze(-1)))
-        self._outcome = Outcome(int(after[keys.OUTCOME]))
+        self._outcome = Outcome(int(after.get(keys.OUTCOME)))
 
     def recording(self) -> Recording:
         """Return the recording of the episode.
@@ -57,12 +59,12 @@ class EpisodeRecorder:
         """
         if self._outcome == Outcome.RUNNING:
             raise ValueError("the episode has not ended")
-        series = {name: np.stack(rows) for name, rows in self._series.items()}
+        series: dict[str, Any] = {name: np.stack(rows) for name, rows in self._series.items()}
         names = [name for name in series if name.startswith(TERM)]
         series["contact"] = self._contact
         terms = {name.removeprefix(TERM): series.pop(name) for name in names}
         outcome = self._outcome.name.lower()
-        base = self._env.base_env
+        base = base_env(self._env)
         return Recording.of_episode(self._scenario, outcome, base, reward_terms=terms, **series)
 
     def _append(self, step: TensorDictBase, names: list[str] | dict[str, tuple]) -> None:

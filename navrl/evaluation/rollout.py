@@ -17,6 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from navrl import keys
 from navrl.envs import Outcome
+from navrl.envs.transformed import base_env
 from navrl.evaluation.metrics import METRICS, Metric, Trajectory, measure
 from navrl.evaluation.series import Series
 from navrl.ops.kernels.threads import torch_on_one_thread
@@ -40,9 +41,11 @@ class Preparing(Protocol):
             ``[N]`` bool, whether the policy has a plan for the episode, or ``None`` if it does not
             plan episodes.
         """
+        ...
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write a normalized action."""
+        ...
 
 
 class Recorder(Protocol):
@@ -130,17 +133,17 @@ def evaluate(
     Raises:
         ValueError: If the policy needs to know where pedestrians will walk, and they react.
     """
-    check_known_future(policy, env.base_env.simulator)
+    check_known_future(policy, base_env(env).simulator)
     records: list[EpisodeRecord] = []
     chunks = side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks
-    before = env.base_env.set_scenarios(None)
+    before = base_env(env).set_scenarios(None)
     try:
         for chunk in chunks:
             records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder, metrics)
             if on_chunk is not None:
                 on_chunk(len(chunk))
     finally:
-        env.base_env.set_scenarios(before)
+        base_env(env).set_scenarios(before)
     return records
 
 
@@ -208,7 +211,7 @@ def _play(
     batch: ScenarioBatch,
     watchers: Sequence[Callable[[TensorDictBase], None]],
 ) -> tuple[Series, Tensor | None]:
-    env.base_env.set_scenarios(batch)
+    base_env(env).set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         with torch_on_one_thread():
@@ -222,7 +225,7 @@ def _play(
             for watcher in watchers:
                 watcher(stepped)
             series.add(stepped)
-            env.base_env.simulator.skip(~series.running)
+            base_env(env).simulator.skip(~series.running)
             carrier = step_mdp(stepped, exclude_action=False)  # controllers read their last action
     return series, solved
 

@@ -77,7 +77,7 @@ def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tup
 
 
 def bootstrap_mean(
-    values: Sequence[float], confidence: float = 0.95, resamples: int = _RESAMPLES
+    values: Sequence[float] | np.ndarray, confidence: float = 0.95, resamples: int = _RESAMPLES
 ) -> Estimate:
     """Return the mean of non-normal values, such as times, with a bootstrap interval.
 
@@ -254,7 +254,7 @@ def _with_width(low: float, high: float) -> tuple[float, float]:
     return (low, high) if high > low else _UNKNOWN
 
 
-def _finite(name: str, values: Sequence[float]) -> np.ndarray:
+def _finite(name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
         raise ValueError(f"{name}={array[~np.isfinite(array)][0]}: must be finite")

@@ -59,7 +59,8 @@ class Evaluation:
     @property
     def setting(self) -> tuple[str, str, str]:
         """Suite, hash of its episodes and simulator, which are equal for all rows of a table."""
-        return tuple(str(self.summary[name]) for name in ("suite", "suite_hash", "simulator"))
+        known = self.summary
+        return str(known["suite"]), str(known["suite_hash"]), str(known["simulator"])
 
     @property
     def setting_shown(self) -> tuple[str, str, str]:
@@ -97,7 +98,7 @@ class Evaluation:
         rows = [_renamed(row) for row in read_table(file, _REMEDY)]
         try:
             _check_rows(rows, columns(self.metrics))
-            by_index = {int(row["index"]): row for row in rows}
+            by_index: dict[int, Mapping[str, str]] = {int(row["index"]): row for row in rows}
         except ValueError as error:
             raise DamagedFileError(file, error, _REMEDY) from error
         if len(by_index) != self.summary["episodes"]:

@@ -103,7 +103,7 @@ def check_drawing(cfg: DictConfig) -> None:
     Raises:
         ValueError: If an override has no effect.
     """
-    names = [name for name in cfg if name not in _OF_RECORDING]
+    names = [str(name) for name in cfg if name not in _OF_RECORDING]
     for key, value in _overridden(cfg, names, "play"):
         raise ValueError(
             f"{key}={value}: no effect with recording={cfg.recording}, which is drawn as it is"

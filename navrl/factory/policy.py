@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import torch
 from hydra.utils import get_object
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.deprecation import renamed_keys
+from navrl.envs.transformed import base_env
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
@@ -104,9 +105,8 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
         return None
     bundle = load_bundle(folder, cfg.allow)
     local = _with_parts(cfg, bundle.config)
-    parts = (instantiate(local[part]) for part in ("lidar", "robot"))
-    limits = SafetyLimits.simulated()
-    return PolicyRunner(instantiate(local.transforms), bundle.actor, *parts, limits)
+    transforms, lidar, robot = (instantiate(local[k]) for k in ("transforms", "lidar", "robot"))
+    return PolicyRunner(transforms, bundle.actor, lidar, robot, SafetyLimits.simulated())
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
@@ -134,7 +134,7 @@ def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPol
                 f"policy={cfg.policy}: must build a callable from a TensorDict to one with "
                 f"'action', got {type(controller).__name__}"
             )
-        check_known_future(controller, env.base_env.simulator)
+        check_known_future(controller, base_env(env).simulator)
     except ValueError:
         env.close()
         raise
@@ -153,9 +153,8 @@ def controller_node(policy: str) -> dict[str, Any] | None:
     if bundle_folder(policy) is not None:
         return None
     check_policy_name(policy)  # never a path, which would build an unchecked node
-    return OmegaConf.to_container(
-        compose("evaluate", [f"+controller={policy}"]).controller, resolve=False
-    )
+    node = compose("evaluate", [f"+controller={policy}"]).controller
+    return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))
 
 
 def controller_class(policy: str) -> type:
@@ -187,7 +186,7 @@ def _change(cfg: DictConfig) -> dict:
     return renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
 
 
-def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
+def _replaced(cfg: DictConfig, parts: DictConfig | ListConfig) -> DictConfig:
     """Return a copy of ``cfg`` with whole nodes replaced instead of merged."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from navrl.evaluation import Evaluation, find_evaluations
@@ -142,7 +142,7 @@ def _scores(evaluations: Sequence[Evaluation]) -> str:
     return "\n".join(lines)
 
 
-def _rate(summary: dict, name: str) -> str:
+def _rate(summary: Mapping, name: str) -> str:
     if f"{name}_interval" not in summary:
         return f"{100 * summary[f'{name}_rate']:.1f} %"
     low, high = summary[f"{name}_interval"]

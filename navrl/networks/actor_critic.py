@@ -10,11 +10,11 @@ from torch import Tensor, nn
 
 from navrl import keys
 from navrl.deprecation import warn
-from navrl.networks.encoder import Shapes
+from navrl.networks.encoder import Encoder, Shapes
 from navrl.networks.mlp import mlp
 from navrl.networks.saturation import penalize_saturation
 
-Encoder = Callable[..., nn.Module]
+MakeEncoder = Callable[..., Encoder]
 
 
 class ActorNetwork(nn.Module):
@@ -38,7 +38,7 @@ class ActorNetwork(nn.Module):
 
     def __init__(
         self,
-        encoder: nn.Module,
+        encoder: Encoder,
         action_size: int = 2,
         hidden: Sequence[int] = (128, 64, 64),
         with_attention: bool = False,
@@ -79,7 +79,7 @@ class CriticNetwork(nn.Module):
 
     def __init__(
         self,
-        encoder: nn.Module,
+        encoder: Encoder,
         action_size: int = 2,
         hidden: Sequence[int] = (128, 64, 64),
         observation_hidden: Sequence[int] = (),
@@ -124,7 +124,7 @@ def in_float32(module: nn.Module, value: Tensor) -> Tensor:
 
 
 def make_actor(
-    encoder: Encoder,
+    encoder: MakeEncoder,
     shapes: Shapes,
     action_size: int = 2,
     hidden: Sequence[int] = (128, 64, 64),
@@ -158,12 +158,14 @@ def make_actor(
     network = ActorNetwork(
         encoder(shapes=shapes), action_size, hidden, with_attention, saturation_penalty
     )
-    out_keys = [keys.ACTION, *(network.encoder.attention_keys if with_attention else [])]
-    return TensorDictModule(network, in_keys=network.encoder.in_keys, out_keys=out_keys)
+    attention_keys = network.encoder.attention_keys if with_attention else []
+    return TensorDictModule(
+        network, in_keys=[*network.encoder.in_keys], out_keys=[keys.ACTION, *attention_keys]
+    )
 
 
 def make_critic(
-    encoder: Encoder,
+    encoder: MakeEncoder,
     shapes: Shapes,
     action_size: int = 2,
     hidden: Sequence[int] = (128, 64, 64),

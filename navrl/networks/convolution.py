@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -118,6 +119,7 @@ class ConvAttentionStream(ConvStream):
     """
 
     has_attention = True
+    bearings: Tensor
 
     def __init__(
         self,
@@ -127,7 +129,7 @@ class ConvAttentionStream(ConvStream):
         embedding: Sequence[int] = (64, 64),
         score: Sequence[int] = (32, 1),
         feature: Sequence[int] = (64,),
-        **options: object,
+        **options: Any,
     ) -> None:
         super().__init__(in_keys, shapes, **options)
         context_key = input_key(context_key, shapes)
@@ -181,9 +183,13 @@ def _convolutions(
             )
     modules: list[nn.Module] = []
     for index, (out_channels, *layer) in enumerate(zip(channels, *layers.values(), strict=True)):
-        num_beams = _num_outputs(num_beams, *layer, index)
-        conv = nn.Conv1d(in_channels, out_channels, *layer, padding_mode=padding_mode)
+        kernel_size, stride, padding = layer
+        num_beams = _num_outputs(num_beams, kernel_size, stride, padding, index)
+        conv = nn.Conv1d(
+            in_channels, out_channels, kernel_size, stride, padding, padding_mode=padding_mode
+        )
         nn.init.xavier_uniform_(conv.weight)
+        assert conv.bias is not None
         nn.init.zeros_(conv.bias)
         modules += [conv, nn.ReLU(inplace=True)]
         in_channels = out_channels

@@ -72,7 +72,10 @@ class _FusedLayers(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor | None, ...]:
+    # torch annotates what the decorator returns as a function without keywords.
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
+        ctx, gradient: Tensor
+    ) -> tuple[Tensor | None, ...]:
         count = len(ctx.activated)
         matrices, values = ctx.saved_tensors[:count], ctx.saved_tensors[count:]
         shape = values[0].shape

@@ -16,8 +16,8 @@ class _SaturationPenalty(torch.autograd.Function):
         return value.view_as(value)
 
     @staticmethod
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None]:
-        (value,) = ctx.saved_tensors
+    def backward(ctx, *gradients: Tensor) -> tuple[Tensor, None]:
+        (gradient,), (value,) = gradients, ctx.saved_tensors
         num_samples = max(value.shape[:-1].numel(), 1)
         return gradient + (2.0 * ctx.weight / num_samples) * value, None
 

@@ -112,9 +112,11 @@ def _align_compiled(
     from navrl.ops.kernels.icp import align_scans
 
     batch = scans[0].shape[:-2]
-    flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
+    source, source_returns, target, target_returns = (
+        scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans
+    )
     seen = seen if seen is None else seen.reshape(batch.numel(), -1)
-    results = align_scans(*flat, seen, options)
+    results = align_scans(source, source_returns, target, target_returns, seen, options)
     return Alignment(*(result.reshape(batch + result.shape[1:]) for result in results))
 
 

@@ -88,26 +88,29 @@ def project_onto_path(
     offset_x = position[..., 0, None] - path[..., :-1, 0]
     offset_y = position[..., 1, None] - path[..., :-1, 1]
     along = (offset_x * step_x + offset_y * step_y) * inverse_length  # m from the segment's start
+    window = None
     if previous_progress is None:
         along = torch.minimum(along.clamp(min=0.0), length)
     else:
-        previous_progress = torch.minimum(previous_progress, arc[..., -1]).unsqueeze(-1)
-        first, last = previous_progress - behind, previous_progress + ahead
+        previous = torch.minimum(previous_progress, arc[..., -1]).unsqueeze(-1)
+        first, last = previous - behind, previous + ahead
+        window = first, last, previous
         along = torch.maximum(along.clamp(min=0.0), first - segment_start)
         along = torch.minimum(torch.minimum(along, last - segment_start), length)
     fraction = along * inverse_length
     miss_x, miss_y = offset_x - fraction * step_x, offset_y - fraction * step_y
     squared = miss_x.square_().addcmul_(miss_y, miss_y)
-    if previous_progress is not None:
+    if window is not None:
+        first, last, previous = window
         squared = squared.masked_fill((arc[..., 1:] < first) | (segment_start > last), math.inf)
         share = torch.minimum(last - segment_start, length) * inverse_length
         end_x, end_y = offset_x - share * step_x, offset_y - share * step_y
-        is_ahead = arc[..., 1:] >= previous_progress
+        is_ahead = arc[..., 1:] >= previous
         squared = _before_leaving(squared, end_x.square() + end_y.square(), is_ahead)
     squared, index = squared.min(dim=-1, keepdim=True)
     progress = arc.gather(-1, index) + along.gather(-1, index)
-    if previous_progress is not None:  # rounding must not reduce the progress below the window
-        progress = torch.maximum(progress, first)
+    if window is not None:  # rounding must not reduce the progress below the window
+        progress = torch.maximum(progress, window[0])
     progress = torch.minimum(progress, arc[..., -1:])  # nor exceed the end of the path
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 

@@ -173,8 +173,8 @@ def _directions(
     The N * M beams are ordered as in :meth:`ScanLayout.beams_by_bin`.
     """
     angle = layout.bin_centers(dtype)
-    if bearing == "beam" and layout.is_plain:
-        size = layout.group_size
+    size = layout.group_size if layout.is_plain else None
+    if bearing == "beam" and size is not None:
         offset = torch.arange(layout.num_beams).remainder(size).to(dtype) - 0.5 * (size - 1)
         each = angle.repeat_interleave(size) + offset * (TURN / layout.num_beams)
         angle = torch.cat((angle, each))

@@ -23,6 +23,7 @@ class Predicting(Protocol):
 
     def predict(self, observation: Any, *, deterministic: bool) -> tuple[np.ndarray, object]:
         """Return actions ``[N, C]`` for N observations, and a state, which is ignored."""
+        ...
 
 
 class PredictingPolicy(Controller):
@@ -100,12 +101,12 @@ class StableBaselines3Policy(PredictingPolicy):
 
     def __init__(self, file: str | Path, algorithm: str = "PPO") -> None:
         try:
-            import stable_baselines3
+            import stable_baselines3  # pyright: ignore[reportMissingImports] -- an extra
         except ImportError as error:
             hint = install_hint("clients")
             raise ImportError(f"policy: needs stable-baselines3 (MIT); {hint}") from error
         loader = getattr(stable_baselines3, algorithm, None)
-        if not hasattr(loader, "load"):
+        if loader is None or not hasattr(loader, "load"):
             raise ValueError(
                 f"algorithm={algorithm}: must be a class of stable_baselines3, e.g. PPO"
             )

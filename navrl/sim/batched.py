@@ -225,7 +225,7 @@ class BatchedSimulator(Simulator):
             seen["pose"],
             seen["boxes"],
         )
-        if velocities is not None:
+        if velocities is not None and before is not None:
             driven = rows["tick"] - before
             last = velocities[self._every_world, (driven - 1).clamp_min(0)]
             rows["velocity"] = torch.where(driven[:, None] > 0, last, rows["velocity"])

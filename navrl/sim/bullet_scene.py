@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,7 +83,7 @@ class Scene:
             self._move(body, wall[0], wall[1], 0.5 * self._wall_height, wall[4])
         for half in scenario["ped_half"][scenario["ped_present"]].tolist():
             self._pedestrians.append(
-                self._box_body(*half, self._pedestrian_height, PEDESTRIAN_COLOR)
+                self._box_body(half[0], half[1], self._pedestrian_height, PEDESTRIAN_COLOR)
             )
         self._robot = self._robot_body()
         self._view = _bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
@@ -132,7 +133,8 @@ class Scene:
         goal = client.createVisualShape(
             client.GEOM_CYLINDER, radius=0.2, length=0.02, rgbaColor=PATH_COLOR
         )
-        self._move(self._body(-1, goal), *scenario["goal"].tolist(), 0.01)
+        goal_x, goal_y = scenario["goal"].tolist()
+        self._move(self._body(-1, goal), goal_x, goal_y, 0.01)
         self._path = scenario["path"]
 
     def _body(self, shape: int, visual: int, mass: float = 0.0) -> int:
@@ -144,7 +146,7 @@ class Scene:
         orientation = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
         self._client.resetBasePositionAndOrientation(body, (x, y, self._floor + z), orientation)
 
-    def place(self, pose: list[float], boxes: list[list[float]]) -> None:
+    def place(self, pose: Sequence[float], boxes: list[list[float]]) -> None:
         """Move the robot to (x, y, yaw) and the pedestrians to ``boxes``."""
         x, y, yaw = pose
         self._move(self._robot, x, y, 0.0, yaw)
@@ -152,7 +154,7 @@ class Scene:
         for body, box in zip(self._pedestrians, boxes, strict=False):  # absent ones come last
             self._move(body, box[0], box[1], middle, box[4])
 
-    def contact(self, pose: list[float], travel: tuple[float, float]) -> int:
+    def contact(self, pose: Sequence[float], travel: tuple[float, float]) -> int:
         """Return the contact code of the robot at (x, y, yaw).
 
         ``travel`` is its direction of travel, world, rad, and the speed along it, m/s.
@@ -189,7 +191,7 @@ class Scene:
         )
         return hit[0][0]
 
-    def scan(self, pose: list[float]) -> np.ndarray:
+    def scan(self, pose: Sequence[float]) -> np.ndarray:
         """Return the ranges [beams] float32 m of the lidar for the robot at (x, y, yaw)."""
         (x, y, yaw), (along, across, turn) = pose, self._lidar.mount
         x += math.cos(yaw) * along - math.sin(yaw) * across

@@ -56,14 +56,15 @@ class Lidar:
                 raise ValueError(f"{name}={value}: must be positive and finite (m)")
         if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
             raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
-        ScanLayout(num_beams, None, 1, angle_min, angle_increment, tuple(mount))  # checks angles
+        x, y, yaw = (float(value) for value in mount)
+        self.mount = (x, y, yaw)
+        ScanLayout(num_beams, None, 1, angle_min, angle_increment, self.mount)  # checks angles
         self.num_beams = int(num_beams)
         self.angle_min = float(angle_min)
         self.angle_increment = None if angle_increment is None else float(angle_increment)
         self.max_range = float(max_range)
         self.noise = noise
         self.noise_amplitude = float(noise_amplitude)
-        self.mount = tuple(float(value) for value in mount)
         self.height = float(height)
         self._table = noise_table(noise, noise_amplitude)
 

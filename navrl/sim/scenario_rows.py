@@ -39,6 +39,7 @@ class ScenarioRows:
 
     def row(self, world: int) -> dict[str, Tensor]:
         """Return the tensors of one scenario by name."""
+        assert self._batch is not None
         return {name: rows[world] for name, rows in self._batch.tensors().items()}
 
     def pedestrians(self, times_s: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ import os
 import socket
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from torchrl.collectors import BaseCollector, MultiAsyncCollector, MultiSyncCollector
@@ -59,7 +60,7 @@ class RayCollector(WorkersCollector):
         ValueError: If Ray is not installed.
     """
 
-    def __init__(self, *args: object, address: str | None = None, **kwargs: object) -> None:
+    def __init__(self, *args: Any, address: str | None = None, **kwargs: Any) -> None:
         _require("ray", "collector=ray", "ray")
         super().__init__(*args, **kwargs)
         self.address = address
@@ -107,12 +108,12 @@ class DistributedCollector(WorkersCollector):
 
     def __init__(
         self,
-        *args: object,
+        *args: Any,
         launcher: str = "mp",
         backend: str = "gloo",
         port: int | None = None,
         slurm: Mapping[str, object] | None = None,
-        **kwargs: object,
+        **kwargs: Any,
     ) -> None:
         if launcher not in ("mp", "submitit"):
             raise ValueError(f"launcher={launcher!r}: must be one of ['mp', 'submitit']")

@@ -64,8 +64,8 @@ class NStepReturn:
         return self._fold(oldest, self._window)
 
     def _fold(self, first: TensorDictBase, later: list[TensorDictBase]) -> TensorDictBase:
-        following = first["next"].clone()
-        reward, done = following["reward"].clone(), following["done"].clone()
+        following = first.get("next").clone()
+        reward, done = following.get("reward").clone(), following.get("done").clone()
         steps = torch.ones_like(reward)
         for power, step in enumerate(later, start=1):
             running = ~done
@@ -73,7 +73,7 @@ class NStepReturn:
             steps = steps + running
             following = torch.where(running.squeeze(-1), step["next"], following)
             done = done | step["next", "done"]
-        following["reward"] = reward
+        following.set("reward", reward)
         return first.clone(False).update({"next": following, STEPS: steps})
 
     def state_dict(self) -> list[dict]:

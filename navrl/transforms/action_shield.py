@@ -74,6 +74,8 @@ class ActionShield(ActionMap):
         (Fox et al. 1997) among points that move with their TAGDs.
     """
 
+    _grid: Tensor
+
     @renamed_arguments(least_speed="min_descriptor_speed", most_speed="max_descriptor_speed")
     def __init__(
         self,

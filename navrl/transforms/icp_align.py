@@ -139,5 +139,5 @@ class ICPAlign(ObservationMap):
             real_spec(points, *previous_points.shape),
             real_spec(points, *batch, 3),
             flag_spec(points, *batch, 1),
-            Unbounded((*batch, 1), dtype=torch.int64, device=points.device),
+            Unbounded(torch.Size((*batch, 1)), dtype=torch.int64, device=points.device),
         )

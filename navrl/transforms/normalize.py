@@ -58,6 +58,6 @@ class Normalize(ObservationMap):
     def _scaled(self, spec: TensorSpec) -> TensorSpec:
         kind = {"dtype": torch.float32, "device": spec.device}
         if isinstance(spec, Bounded):
-            low, high = spec.space.low.float(), spec.space.high.float()
+            low, high = spec.low.float(), spec.high.float()
             return Bounded(low / self.scale, high / self.scale, spec.shape, **kind)
         return Unbounded(spec.shape, **kind)

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import dispatch
 from torch import Tensor
-from torchrl.data import Bounded, Composite
+from torchrl.data import Bounded, Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
@@ -14,8 +14,10 @@ from navrl.ops import se2
 from navrl.ops.projection import project_ranges
 from navrl.transforms.observation_map import (
     Keys,
+    cloned,
     map_reset_rows,
     nested_keys,
+    observed_specs,
     read,
     read_spec,
     real_spec,
@@ -91,11 +93,11 @@ class RangeHistory(Transform):
         transform = read(self, next_tensordict, transform_key).unsqueeze(-2)
         return self._write(next_tensordict, se2.transform_points(transform, past))
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Fill the missing past with the current scan."""
-        points = read(self, tensordict, self.in_keys[0]).unsqueeze(-3)
+        points = read(self, next_tensordict, self.in_keys[0]).unsqueeze(-3)
         past = points.repeat_interleave(self.num_scans, dim=-3)
-        return self._write(tensordict, past)
+        return self._write(next_tensordict, past)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -133,28 +135,27 @@ class RangeHistory(Transform):
             self._step(tensordict, tensordict["next"])
         return tensordict
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the past scans to those of the environment."""
+        observation_spec = cloned(observation_spec)
         points = read_spec(self, observation_spec, self.in_keys[0])
         *batch, num_points, _ = points.shape
-        observation_spec = observation_spec.clone()
         observation_spec[self.out_keys[0]] = real_spec(
             points, *batch, self.num_scans, num_points, 2
         )
         observation_spec[self.out_keys[1]] = Bounded(
             0.0,
             self.max_range,
-            (*batch, self.num_scans + 1, num_points),
+            torch.Size((*batch, self.num_scans + 1, num_points)),
             dtype=torch.float32,
             device=points.device,
         )
         return observation_spec
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Add the current points and their past to the state spec, because a step reads them."""
-        input_spec = input_spec.clone()
-        observation_spec = self.parent.full_observation_spec
-        points = read_spec(self, observation_spec, self.in_keys[0])
+        input_spec = cloned(input_spec)
+        points = read_spec(self, observed_specs(self), self.in_keys[0])
         *batch, num_points, _ = points.shape
         state = input_spec["full_state_spec"]
         state[self.in_keys[0]] = points.clone()

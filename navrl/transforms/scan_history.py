@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from tensordict import TensorDictBase
 from tensordict.nn import dispatch
-from torchrl.data import Composite
+from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.transforms.observation_map import (
     Keys,
+    cloned,
     map_reset_rows,
     nested_keys,
+    observed_specs,
     read,
     read_spec,
     require_history,
@@ -67,11 +69,11 @@ class ScanHistory(Transform):
             next_tensordict.set(previous, read(self, tensordict, now).clone())
         return next_tensordict
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Fill the missing past with the current scan."""
         for now, previous in zip(self.in_keys, self.out_keys, strict=True):
-            tensordict.set(previous, read(self, tensordict, now).clone())
-        return tensordict
+            next_tensordict.set(previous, read(self, next_tensordict, now).clone())
+        return next_tensordict
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -97,18 +99,18 @@ class ScanHistory(Transform):
             self._step(tensordict, tensordict["next"])
         return tensordict
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the previous entries to those of the environment."""
+        observation_spec = cloned(observation_spec)
         specs = [read_spec(self, observation_spec, key).clone() for key in self.in_keys]
-        observation_spec = observation_spec.clone()
         for key, spec in zip(self.out_keys, specs, strict=True):
             observation_spec[key] = spec
         return observation_spec
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Add the current entries to the state spec, because a step reads them."""
-        input_spec = input_spec.clone()
+        input_spec = cloned(input_spec)
         for key in self.in_keys:
-            spec = read_spec(self, self.parent.full_observation_spec, key)
+            spec = read_spec(self, observed_specs(self), key)
             input_spec["full_state_spec"][key] = spec.clone()
         return input_spec

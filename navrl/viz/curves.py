@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -180,9 +181,7 @@ def _mark_levels(axes: Axes, logs: Sequence[TrainingLog]) -> None:
             axes.axvline(frame, color=color, linestyle=":", linewidth=0.8)
 
 
-def _draw_seeds(
-    axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: object
-) -> None:
+def _draw_seeds(axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: Any) -> None:
     """Draw a single run, or several runs pale with their mean and range."""
     seeds = [series for series in seeds if len(series[0])]
     if not seeds:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
@@ -58,7 +59,7 @@ def style() -> Iterator[None]:
         yield
 
 
-def line_look(i: int) -> dict[str, str]:
+def line_look(i: int) -> dict[str, Any]:
     """Return color and dash of the i-th line; repeated colors have other dashes."""
     return {
         "color": CYCLE[i % len(CYCLE)],

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
@@ -143,7 +144,7 @@ def tensor_names() -> list[str]:
 
 def _row(
     scenario: Scenario, max_boxes: int, max_pedestrians: int, kind: int
-) -> dict[str, np.ndarray]:
+) -> dict[str, ArrayLike]:
     people = scenario.pedestrians
     boxes = np.zeros((max_boxes, 5))
     boxes[: len(scenario.boxes)] = scenario.boxes

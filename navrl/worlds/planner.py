@@ -50,7 +50,7 @@ class Grid:
         for ax, ay in zip(dx**2, dy**2, strict=True):
             np.minimum(squared, ax[:, None] + ay[None], out=squared)
         self.clearance = np.sqrt(squared)
-        regions = label(self.clearance >= cell, connectivity=1)
+        regions = np.asarray(label(self.clearance >= cell, connectivity=1))
         self.clearance[regions != regions[tuple(self.index(inside))]] = 0.0
 
     def index(self, points: np.ndarray) -> np.ndarray:

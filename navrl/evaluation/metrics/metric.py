@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -113,7 +114,7 @@ class Metric:
         return {name: getattr(self, name) for name in names}
 
     @classmethod
-    def from_facts(cls, name: str, facts: Mapping[str, object]) -> Metric:
+    def from_facts(cls, name: str, facts: Mapping[str, Any]) -> Metric:
         """Rebuild from :meth:`facts`, without the function; more keys are ignored.
 
         Raises:

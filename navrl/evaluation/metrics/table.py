@@ -79,6 +79,10 @@ def values_of_error(metrics: Iterable[Metric] = METRICS) -> dict[str, float]:
     The episode counts as a failure: success and the metrics weighted by it are 0, and so are
     contacts and timeouts. The other metrics are undefined and omitted, since the trajectory was
     not recorded.
+
+    Example:
+        >>> values_of_error()["spl"]
+        0.0
     """
     return {m.name: m.of_error for m in metrics if m.of_error is not None}
 
@@ -96,12 +100,22 @@ def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict
 
     Raises:
         ValueError: If a metric returns another shape.
+
+    Example:
+        >>> drive = Trajectory.of_positions([(0, 0), (0.1, 0), (0.2, 0)])
+        >>> measure(drive)["time_to_goal_s"]
+        array([0.4])
     """
     return {metric.name: metric.values(trajectory) for metric in metrics}
 
 
 def markdown_table(metrics: Iterable[Metric] = METRICS) -> str:
-    """Return the Markdown table of all metrics for the documentation."""
+    """Return the Markdown table of all metrics for the documentation.
+
+    Example:
+        >>> print(markdown_table(METRICS[:1]).splitlines()[0])
+        | metric | unit | definition | source |
+    """
     rows = ["| metric | unit | definition | source |", "|---|---|---|---|"]
     for metric in metrics:
         unit = metric.unit.replace("^2", "²").replace("^3", "³")

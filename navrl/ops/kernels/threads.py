@@ -84,7 +84,9 @@ class _Worker(threading.Thread):
         while True:
             self._go.acquire()
             try:
-                self._work()
+                work = self._work
+                if work is not None:
+                    work()
             except BaseException as error:
                 self._error = error
             self._done.release()

@@ -85,8 +85,8 @@ class DynamicWindow(Controller):
                 f"max_descriptor_speed={max_descriptor_speed}: "
                 "must be 0 < min_descriptor_speed < max_descriptor_speed"
             )
-        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS]
-        self.in_keys += [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        tagd = [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS, *tagd]
         self.out_keys = [keys.ACTION]
         self.robot, self.predict_motion = robot, predict_motion
         self.time_step_s, self.horizon_steps = time_step_s, horizon_steps

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import ModuleType
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -17,6 +19,7 @@ from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
+RVOSimulator = Any  # pyrvo is an extra, and has no annotations
 PREVIOUS_BOXES = "pedestrian_boxes_previous"  # [N, K, 5], boxes of the previous step
 _ROBOT = 0  # index in RVO2; pedestrians follow
 _ABSENT_M = 1e4  # m, position of absent pedestrians
@@ -109,7 +112,7 @@ class Orca(Controller):
 
     def _make_world(
         self, walls: list, person_radius: float, person_speed: float, max_people: int
-    ) -> object:
+    ) -> RVOSimulator:
         """Return an RVO2 simulator with the walls and the robot.
 
         An agent of RVO2 has one radius for all obstacles. The robot's includes ``wall_margin``; the
@@ -170,8 +173,14 @@ class Orca(Controller):
         return se2.rotate(self.robot.max_speed * waypoint / distance, angle)
 
     def _solve(
-        self, world: object, pose: list, velocity: list, preferred: list, places: list, speeds: list
-    ) -> tuple[float, float]:
+        self,
+        world: RVOSimulator,
+        pose: list,
+        velocity: Sequence[float],
+        preferred: list,
+        places: list,
+        speeds: list,
+    ) -> Sequence[float]:
         """Return the velocity with full avoidance, m/s, world frame."""
         for _ in range(len(places) + 1 - world.get_num_agents()):
             world.add_agent((_ABSENT_M, _ABSENT_M))
