@@ -10,6 +10,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 RANK = {
     "keys": 0,
     "ops": 0,
+    "checks": 0,
     "config": 0,
     "extras": 0,
     "files": 0,
