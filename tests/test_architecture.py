@@ -10,6 +10,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 RANK = {
     "keys": 0,
     "ops": 0,
+    "checks": 0,
     "config": 0,
     "deprecation": 0,
     "extras": 0,
@@ -72,6 +73,33 @@ def test_dependencies_are_imported_only_where_allowed(path):
     for imported in imports(path):
         homes = HOMES.get(imported.split(".")[0])
         assert homes is None or place.startswith(homes), f"{place} imports {imported}"
+
+
+def configured(code: str) -> list[str]:
+    """Return the functions that take a configuration: a ``cfg``, or one of OmegaConf's types."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            given = node.args
+            every = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
+            for one in filter(None, every):
+                kind = ast.unparse(one.annotation) if one.annotation else ""
+                if one.arg == "cfg" or "DictConfig" in kind or "OmegaConf" in kind:
+                    found.append(f"{getattr(node, 'name', 'lambda')}({one.arg})")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=names)
+def test_functions_below_the_factory_take_no_cfg(path):
+    """They take values: a configuration of another shape changes the factory alone."""
+    part = path.relative_to(PACKAGE).with_suffix("").parts[0]
+    if part != "config" and RANK.get(part, 0) < RANK["factory"]:
+        assert configured(path.read_text()) == []
+
+
+def test_functions_with_a_cfg_are_found():
+    code = "def a(x, cfg): ...\nclass B:\n    def c(self, *, node: DictConfig | None): ...\n"
+    assert configured(f"{code}def d(config: dict): ...") == ["a(cfg)", "c(node)"]
 
 
 def test_modules_have_no_import_cycles():

@@ -56,6 +56,21 @@ def test_default_of_a_float_argument_is_a_float(path):
                 assert "float" not in annotation or "int" in annotation, f"{name}: {value}"
 
 
+def test_composed_options_bind_to_the_signatures_of_their_targets():
+    """Arguments that a file inherits, or adds to those it inherits, are checked together."""
+    names = [
+        (path.parent.relative_to(CONF_DIR).as_posix(), path.stem)
+        for path in FILES
+        if path.parent.parent == CONF_DIR and "# @package _global_" not in path.read_text()
+    ]
+    overrides = [f"+{group}@{group}.{name}={name}" for group, name in names]
+    composed = OmegaConf.to_container(compose(None, overrides), resolve=False)
+    for node in nodes(composed):
+        inspect.signature(resolve(node["_target_"])).bind_partial(
+            **{key: value for key, value in node.items() if not key.startswith("_")}
+        )
+
+
 @pytest.mark.parametrize("override", ["checkpoint_every_s=0.5", "frames_per_update=0.5"])
 @pytest.mark.parametrize("choice", ["schedule=quick", "schedule=standard", "hardware=gpu"])
 def test_schedules_accept_fractions(override, choice):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from navrl.checks import check_positive
 from navrl.ops.kernels.worlds import (
     place_pedestrians_kernel,
     scan_worlds_kernel,
@@ -82,8 +83,7 @@ class BatchedSimulator(Simulator):
             delays,
             device,
         )
-        if not max_walls > 0:
-            raise ValueError(f"max_walls={max_walls}: must be positive")
+        check_positive(max_walls=max_walls)
         self._timing = (
             self.substep_s,
             self.substeps,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from navrl.checks import check_positive
 from navrl.ops import se2
 from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.raycast import Beams, beam_angles
@@ -51,9 +52,7 @@ class Lidar:
     ) -> None:
         if num_beams < 1:
             raise ValueError(f"num_beams={num_beams}: must be at least 1")
-        for name, value in (("max_range", max_range), ("height", height)):
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name}={value}: must be positive and finite (m)")
+        check_positive(max_range=max_range, height=height)
         if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
             raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
         x, y, yaw = (float(value) for value in mount)

@@ -8,6 +8,7 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from navrl.checks import check_positive
 from navrl.ops.unicycle import advance_pose, advance_poses, approach_velocity
 
 MODELS = ("kinematic", "wheeled")
@@ -142,16 +143,13 @@ class DifferentialDrive(RobotModel):
         model: str = "kinematic",
         wheel_acceleration: float = 2.0,
     ) -> None:
-        positive = {
-            "radius": radius,
-            "wheel_separation": wheel_separation,
-            "max_speed": max_speed,
-            "max_turn_rate": max_turn_rate,
-            "wheel_acceleration": wheel_acceleration,
-        }
-        for name, value in positive.items():
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name}={value}: must be positive and finite")
+        check_positive(
+            radius=radius,
+            wheel_separation=wheel_separation,
+            max_speed=max_speed,
+            max_turn_rate=max_turn_rate,
+            wheel_acceleration=wheel_acceleration,
+        )
         if not -math.inf < min_speed < max_speed:
             raise ValueError(
                 f"min_speed={min_speed}: must be finite and less than max_speed={max_speed}"

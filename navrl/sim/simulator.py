@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from navrl.checks import check_positive
 from navrl.deprecation import warn
 from navrl.ops.backend import find_device
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
@@ -48,8 +49,8 @@ class Simulator(ABC):
         device: Device of the outputs.
 
     Raises:
-        ValueError: If a value is not positive, a delay is not a multiple of the substep, or a
-            requirement of ``device`` is missing.
+        ValueError: If a value is not positive and finite, a delay is not a multiple of the substep,
+            or a requirement of ``device`` is missing.
     """
 
     def __init__(
@@ -64,15 +65,12 @@ class Simulator(ABC):
         delays: Delays | None,
         device: torch.device | str = "cpu",
     ) -> None:
-        positive = {
-            "num_worlds": num_worlds,
-            "time_step_s": time_step_s,
-            "substeps": substeps,
-            "max_pedestrians": max_pedestrians,
-        }
-        for name, value in positive.items():
-            if not value > 0:
-                raise ValueError(f"{name}={value}: must be positive")
+        check_positive(
+            num_worlds=num_worlds,
+            time_step_s=time_step_s,
+            substeps=substeps,
+            max_pedestrians=max_pedestrians,
+        )
         self.num_worlds, self.max_pedestrians = int(num_worlds), int(max_pedestrians)
         self.time_step_s, self.substeps = float(time_step_s), int(substeps)
         self.substep_s = self.time_step_s / self.substeps

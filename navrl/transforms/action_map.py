@@ -93,14 +93,3 @@ class ActionMap(Transform):
                 f"got {tuple(command.shape)}"
             )
         return input_spec
-
-
-def check_positive(**values: float) -> None:
-    """Check that arguments are positive and finite.
-
-    Raises:
-        ValueError: If an argument is not; the message names the first one.
-    """
-    for name, value in values.items():
-        if not 0.0 < value < float("inf"):
-            raise ValueError(f"{name}={value}: must be positive and finite")

@@ -9,10 +9,11 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
-from navrl.transforms.action_map import ActionMap, check_positive
+from navrl.transforms.action_map import ActionMap
 from navrl.transforms.observation_map import Keys
 
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory

@@ -10,8 +10,9 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite, TensorSpec
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.ops.subgoal import free_distance, steer_to
-from navrl.transforms.action_map import ActionMap, check_positive
+from navrl.transforms.action_map import ActionMap
 from navrl.transforms.observation_map import Keys
 
 

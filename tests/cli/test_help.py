@@ -1,6 +1,7 @@
 """Help and version of each command."""
 
 import importlib
+import re
 import shlex
 import sys
 import tomllib
@@ -52,6 +53,15 @@ def test_help_lists_own_keys_with_comments(command, monkeypatch, capsys):
     groups = [entry for entry in plain["defaults"] if isinstance(entry, dict)]
     for group in (next(iter(entry)).removeprefix("override ") for entry in groups):
         assert group.startswith("hydra/") or any(x.startswith(f"{group}=") for x in lines), group
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "play"])
+def test_help_lists_inherited_groups_and_keys(command, monkeypatch, capsys):
+    text = shown(command, "--help", monkeypatch, capsys)
+    listed = set(re.findall(r"^  ([\w@]+)[=.]", text, re.MULTILINE))
+    listed |= {name.partition("@")[2] for name in listed if "@" in name}
+    assert set(compose(command)) <= listed
+    assert "speed_corridor" in text  # a member of a family
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictSequential
 from navrl import keys
 from navrl.config import compose, instantiate
 from navrl.evaluation import Trajectory, evaluate, measure
+from navrl.evaluation.archive import EpisodeArchive
 from navrl.evaluation.recorder import EpisodeRecorder, record_episode
 from navrl.evaluation.recording import Recording
 from navrl.factory import make_env, make_navigation_env, observation_shapes
@@ -52,7 +53,7 @@ def recording(env, policy, scenario):
 
 def test_recording_does_not_change_results(env, policy, scenario):
     batch = ScenarioBatch.pack([scenario])
-    recorder = EpisodeRecorder(env, scenario)
+    recorder = EpisodeRecorder(env)
     assert evaluate(env, policy, batch, on_step=recorder) == evaluate(env, policy, batch)
 
 
@@ -162,17 +163,23 @@ def test_missing_policy_outputs_are_none(tmp_path, env, scenario):
 def test_other_running_worlds_add_no_rows(env, scenario):
     noisier = dataclasses.replace(scenario, noise_seed=scenario.noise_seed + 1)  # other draws too
     twice = ScenarioBatch.pack([scenario, noisier])
-    first, second = (EpisodeRecorder(env, one, k) for k, one in enumerate((scenario, noisier)))
-
-    def both(stepped):
-        first(stepped)
-        second(stepped)
-
-    records = evaluate(env, UniformRandom(seed=1), twice, on_step=both)
+    recorder = EpisodeRecorder(env)
+    records = evaluate(env, UniformRandom(seed=1), twice, on_step=recorder)
     assert records[0].steps != records[1].steps
-    for recorder, record in zip((first, second), records, strict=True):
-        assert recorder.recording().num_steps == record.steps
-        assert recorder.recording().outcome == record.outcome
+    for row, (scene, record) in enumerate(zip((scenario, noisier), records, strict=True)):
+        found = recorder.recording(row, scene, record)
+        assert (found.num_steps, found.outcome) == (record.steps, record.outcome)
+
+
+def test_archive_writes_the_bytes_of_single_recordings(tmp_path, env, policy, cfg):
+    distribution = instantiate(cfg.scenario)
+    scenarios = [distribution.sample("recorded", 0, index) for index in range(3)]
+    archive = EpisodeArchive(env, scenarios, tmp_path / "archive")
+    evaluate(env, policy, ScenarioBatch.pack(scenarios), recorder=archive)
+    for index, scene in enumerate(scenarios):
+        alone = tmp_path / f"{index:06d}.npz"
+        record_episode(env, policy, scene).save(alone, compact=True)
+        assert (tmp_path / "archive" / alone.name).read_bytes() == alone.read_bytes()
 
 
 def test_failed_episode_is_reported(env, scenario):
@@ -183,9 +190,10 @@ def test_failed_episode_is_reported(env, scenario):
         record_episode(env, broken, scenario)
 
 
-def test_unfinished_episode_has_no_recording(env, scenario):
-    with pytest.raises(ValueError, match="not ended"):
-        EpisodeRecorder(env, scenario).recording()
+def test_missing_steps_of_a_record_are_an_error(env, policy, scenario):
+    (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]))
+    with pytest.raises(ValueError, match=rf"record.steps={record.steps}: must be within 1\.\.0"):
+        EpisodeRecorder(env).recording(0, scenario, record)
 
 
 def test_bad_shapes_and_files_are_named(tmp_path, recording):

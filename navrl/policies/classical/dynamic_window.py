@@ -7,6 +7,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
@@ -68,7 +69,7 @@ class DynamicWindow(Controller):
         group_radius: float = 0.3,
     ) -> None:
         super().__init__()
-        _check_positive(
+        check_positive(
             time_step_s=time_step_s,
             horizon_steps=horizon_steps,
             clearance=clearance,
@@ -159,9 +160,3 @@ class DynamicWindow(Controller):
         )
         # Arcs with a contact rank behind all others, ordered by the time of contact.
         return torch.where(clear[..., -1] > 0, score, clear.sum(-1) - 1e3 + room[..., 0])
-
-
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0:
-            raise ValueError(f"{name}={value}: must be > 0")

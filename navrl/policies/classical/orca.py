@@ -12,6 +12,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.extras import install_hint
 from navrl.ops import se2
 from navrl.policies.classical.commands import last_command, normalized_action
@@ -74,15 +75,12 @@ class Orca(Controller):
         sidestep: float = 0.05,
     ) -> None:
         super().__init__()
-        positive = {
-            "time_step_s": time_step_s,
-            "time_horizon": time_horizon,
-            "wall_horizon": wall_horizon,
-            "iterations": iterations,
-        }
-        for name, value in positive.items():
-            if not value > 0:
-                raise ValueError(f"{name}={value}: must be > 0")
+        check_positive(
+            time_step_s=time_step_s,
+            time_horizon=time_horizon,
+            wall_horizon=wall_horizon,
+            iterations=iterations,
+        )
         at_least_zero = {"waypoint": waypoint, "margin": margin, "wall_margin": wall_margin}
         for name, value in at_least_zero.items():
             if not value >= 0:
