@@ -93,7 +93,13 @@ def point_motion(
     return torch.where(nearest <= group_radius, carried, 0.0)
 
 
-def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[float]) -> Tensor:
+def room_along(
+    places: Tensor,
+    points: Tensor,
+    motion: Tensor,
+    steps: Sequence[float],
+    required: Tensor | None = None,
+) -> Tensor:
     """Return the distance from each trajectory position to the nearest point at the same time.
 
     Args:
@@ -101,6 +107,7 @@ def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[f
         points: ``[N, P, 2]`` m, positions at time 0, :data:`FAR` for points that are not obstacles.
         motion: ``[N, P, 2]`` m per step, displacement of the points.
         steps: The T times, in steps.
+        required: ``[N, P]`` m, distance required of each point, subtracted from it; ``None`` for 0.
 
     Returns:
         ``[N, S, T]`` m.
@@ -110,8 +117,7 @@ def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[f
         >>> room_along(places, points, torch.tensor([[[-0.5, 0.0]]]), steps=[0.0, 1.0])
         tensor([[[1.0000, 0.5000]]])
     """
-    gaps = [
-        torch.cdist(places[:, :, k], points + step * motion).amin(-1)
-        for k, step in enumerate(steps)
-    ]
-    return torch.stack(gaps, dim=-1)
+    gaps = (torch.cdist(places[:, :, k], points + step * motion) for k, step in enumerate(steps))
+    if required is not None:
+        gaps = (gap - required.unsqueeze(1) for gap in gaps)
+    return torch.stack([gap.amin(-1) for gap in gaps], dim=-1)

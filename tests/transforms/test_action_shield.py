@@ -143,9 +143,34 @@ def test_margin_decides_which_commands_pass(gap, passes):
     assert (driven(seen(point), 0.5) == (0.5, 0.0)) is passes
 
 
-def test_present_and_each_half_step_are_checked():
-    assert ActionShield().times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
-    assert ActionShield(checks_per_step=1).times == pytest.approx([0.0, 0.2, 0.4])
+def test_each_half_step_is_checked():
+    assert ActionShield().times == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert ActionShield(checks_per_step=1).times == pytest.approx([0.2, 0.4])
+
+
+def test_a_pedestrian_within_the_margin_is_evaded():
+    """One walks behind the robot at 0.35 m/s; at 0.4 m/s the margin is regained too late."""
+    person, motion = (-(RADIUS + MARGIN - 0.008), 0.0), (0.07, 0.0)
+    assert driven(seen(person, motion=motion), 0.5) == (0.5, 0.0)
+    v, w = driven(seen(person, motion=motion), 0.4)
+    assert v == pytest.approx(0.5) and w == pytest.approx(0.0, abs=1e-6)
+    assert driven(seen(person), 0.4) == (torch.tensor(0.4).item(), 0.0)  # it stands there
+
+
+def test_approaching_points_do_not_lower_the_distance_to_others():
+    """A pedestrian within the margin on one side, a wall outside of it on the other."""
+    person, motion, wall = (0.0, RADIUS + 0.01), (0.0, -0.07), (0.45, 0.0)
+    alone = driven(seen(wall), 1.0)
+    both = driven(seen(person, wall, motion=motion), 1.0)
+    for command in (alone, both):
+        assert hull_gap(command, wall) > MARGIN - 1e-3
+
+
+def test_distances_are_beyond_what_each_point_requires():
+    places = torch.zeros(1, 1, 1, 2)
+    points = torch.tensor([[[1.0, 0.0], [2.0, 0.0]]])
+    room = room_along(places, points, torch.zeros(1, 2, 2), [1], torch.tensor([[0.25, 1.5]]))
+    torch.testing.assert_close(room, torch.tensor([[[0.5]]]))
 
 
 def test_ties_choose_the_most_similar_command():
