@@ -10,6 +10,7 @@ from pathlib import Path
 from unittest import mock
 
 import gymnasium
+import matplotlib.image
 import pages
 import pytest
 import torch
@@ -110,8 +111,39 @@ def test_own_transform(here):
     assert evaluate("policy=outputs/train/mast")["policy"] == "mast"
 
 
+def test_own_pooling(here):
+    run = here / train("transforms=median")
+    finished(run)
+    _, td = first_episodes(run)
+    beams = td["ranges"].unflatten(-1, (180, 8))
+    torch.testing.assert_close(td["ranges_pooled"], beams.median(-1).values)
+
+
+def test_own_world_from_a_map(here):
+    (script,) = [text for text in pages.blocks(PAGE, "python") if "plan.png" in text]
+    exec(compile(script, "plan", "exec"), {})
+    cfg, _ = finished(here / train("scenario=plan"))
+    scenario = instantiate(cfg.scenario).sample("mine", seed=0, index=0)
+    occupied = matplotlib.image.imread("plan.png")[..., 0] < 0.5
+    assert scenario.kind == "floor_plan" and len(scenario.boxes) == occupied.sum()
+    assert occupied.sum() == 88
+
+
+def test_own_collector(here):
+    run = here / train("collector=turns")
+    cfg, _ = finished(run)
+    assert cfg.collector._target_ == "my_package.turns.Alternating"
+
+
+def test_own_picture(here):
+    play = "environment.time_limit_steps=3 policy=stand_still hydra.run.dir=outputs/play/mine"
+    pages.run(f"navrl-play {play}")
+    pages.run(printed("picture=commands"), "hydra.run.dir=outputs/plot/mine")
+    assert matplotlib.image.imread("outputs/plot/mine/commands.png").std() > 0
+
+
 def test_own_world(here, capsys):
-    (script,) = pages.blocks(PAGE, "python")
+    (script,) = [text for text in pages.blocks(PAGE, "python") if "my_package.hall" in text]
     exec(compile(script, "extending.md", "exec"), {"__name__": "script"})
     kind, points, people = capsys.readouterr().out.split()
     assert kind == "hall" and int(points) > 80 and int(people) >= 2
