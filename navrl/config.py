@@ -12,11 +12,13 @@ from typing import Any
 
 import hydra
 import yaml
+from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from navrl.deprecation import renamed_attributes
 from navrl.files import explain_os_error
 
 CONF_DIR = next(
@@ -50,6 +52,27 @@ def folder_name(*parts: object) -> str:
 OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
 
 
+def _register_families() -> dict[str, list[str]]:
+    """Make an option of each member of the files ``conf/GROUP/family/*.yaml``.
+
+    The values of such a file are those of all its ``members``, unless a member has its own.
+
+    Returns:
+        Names of the members by group.
+    """
+    names: dict[str, list[str]] = {}
+    for file in sorted(CONF_DIR.glob("*/family/*.yaml")):
+        group, shared = file.parent.parent.name, OmegaConf.load(file)
+        for name, own in shared.pop("members").items():
+            node = OmegaConf.to_container(OmegaConf.merge(shared, own))
+            ConfigStore.instance().store(name, node, group, provider=str(file))
+            names.setdefault(group, []).append(name)
+    return names
+
+
+_MEMBERS = _register_families()
+
+
 def compose(config_name: str | None, overrides: Sequence[str] = ()) -> DictConfig:
     """Compose a config as on the command line.
 
@@ -74,7 +97,8 @@ def options(group: str) -> list[str]:
     """
     if GlobalHydra.instance().is_initialized():
         return sorted(set(GlobalHydra.instance().config_loader().get_group_options(group)))
-    return sorted(path.stem for path in (CONF_DIR / group).glob("*.yaml"))
+    files = [path.stem for path in (CONF_DIR / group).glob("*.yaml")]
+    return sorted([*files, *_MEMBERS.get(group, [])])
 
 
 def instantiate(node: Any, **kwargs: Any) -> Any:
@@ -118,6 +142,8 @@ def describe(error: BaseException) -> str:
 def _arguments_of(message: str) -> str:
     """Return the arguments of the target of a failed call."""
     match = re.search(r"call to target '([\w.]+)'", message)
+    if match is None:
+        return ""
     try:
         names = list(inspect.signature(hydra.utils.get_object(match[1])).parameters)
     except Exception:  # the hint must never hide the error
@@ -127,7 +153,9 @@ def _arguments_of(message: str) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return a hint with the names nearest to a misspelt one, or an empty text."""
-    near = difflib.get_close_matches(name, sorted(known), n=3, cutoff=0.7)
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.7)
+    near = near or [one for one in known if one.startswith(f"{name}_")][:3]  # a family of names
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
@@ -198,3 +226,6 @@ def check_types(
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
             continue
         raise ValueError(f"{key}={value}: must be {type(default).__name__}, as in {key}={default}")
+
+
+__getattr__ = renamed_attributes(__name__, {"hydra_main": "navrl.cli.command.hydra_main"})

@@ -10,7 +10,9 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 RANK = {
     "keys": 0,
     "ops": 0,
+    "checks": 0,
     "config": 0,
+    "deprecation": 0,
     "extras": 0,
     "files": 0,
     "untrusted": 0,
@@ -67,14 +69,41 @@ def test_imports_point_down(path):
 
 
 @pytest.mark.parametrize("path", FILES, ids=names)
-def test_dependencies_stay_at_home(path):
+def test_dependencies_are_imported_only_where_allowed(path):
     place = names(path)
     for imported in imports(path):
         homes = HOMES.get(imported.split(".")[0])
         assert homes is None or place.startswith(homes), f"{place} imports {imported}"
 
 
-def test_no_modules_import_each_other_in_a_circle():
+def configured(code: str) -> list[str]:
+    """Return the functions that take a configuration: a ``cfg``, or one of OmegaConf's types."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            given = node.args
+            every = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
+            for one in filter(None, every):
+                kind = ast.unparse(one.annotation) if one.annotation else ""
+                if one.arg == "cfg" or "DictConfig" in kind or "OmegaConf" in kind:
+                    found.append(f"{getattr(node, 'name', 'lambda')}({one.arg})")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=names)
+def test_functions_below_the_factory_take_no_cfg(path):
+    """They take values: a configuration of another shape changes the factory alone."""
+    part = path.relative_to(PACKAGE).with_suffix("").parts[0]
+    if part != "config" and RANK.get(part, 0) < RANK["factory"]:
+        assert configured(path.read_text()) == []
+
+
+def test_functions_with_a_cfg_are_found():
+    code = "def a(x, cfg): ...\nclass B:\n    def c(self, *, node: DictConfig | None): ...\n"
+    assert configured(f"{code}def d(config: dict): ...") == ["a(cfg)", "c(node)"]
+
+
+def test_modules_have_no_import_cycles():
     """Imports under ``TYPE_CHECKING`` and within functions count."""
     modules = {module(path): path for path in FILES}
     arrows = {name: needed(path, modules) - {name} for name, path in modules.items()}
@@ -104,7 +133,7 @@ def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
     return sorted((list(ring) for ring in rings), key=len, reverse=True)
 
 
-def test_circles_are_found():
+def test_import_cycles_are_detected():
     arrows = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": set()}
     assert circles(arrows) == [["a", "b", "c"]]
 

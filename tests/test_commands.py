@@ -138,11 +138,11 @@ def two_jobs(command: str) -> str:
     several = choices(command)
     if not several:
         return command
+    first = {key: values[0] for key, values in several.items()}
     for key, values in several.items():
-        for value in values[1:]:
-            if not key.startswith("policy"):
-                config = "train" if command.startswith("navrl-train") else "evaluate"
-                compose(config, [f"{key}={value}"])
+        for value in values[1:-1]:
+            job = [f"{name}={given}" for name, given in (first | {key: value}).items()]
+            compose(command.split()[0].removeprefix("navrl-"), job)
     last = next(reversed(several))
     kept = {key: values[:1] for key, values in several.items()}
     kept[last] = [several[last][0], several[last][-1]]
@@ -255,7 +255,7 @@ def test_all_jobs_of_printed_sweep_run(page, command, bench):
         check(bench, page, command, whole=True)
 
 
-def test_a_readers_own_folder_of_configs_needs_no_edit_here(tmp_path, monkeypatch):
+def test_users_config_folder_needs_no_edit(tmp_path, monkeypatch):
     page = pages.ROOT / "docs" / "configuration.md"
     assert MINE in pages.commands(page)
     monkeypatch.chdir(tmp_path)

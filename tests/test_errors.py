@@ -24,7 +24,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("command", "overrides", "words"), CASES, ids=lambda v: str(v)[:30])
-def test_one_line(command, overrides, words, tmp_path, monkeypatch, capfd):
+def test_error_is_one_line(command, overrides, words, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     status = pages.exit_status(shlex.join([f"navrl-{command}", *overrides, "hydra.run.dir=."]))
     printed = capfd.readouterr().err

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterator
-from pathlib import Path
 
 import yaml
 
-from navrl.config import CONF_DIR
+from navrl.config import CONF_DIR, options
 from navrl.policies.names import zoo_names
 
 _WIDTH, _COLUMN = 100, 34  # characters of a line, and where the comments begin
@@ -27,7 +26,8 @@ def help_text(config_name: str) -> str:
     """Return the help of a command.
 
     The header of ``conf/CONFIG_NAME.yaml`` gives the description and, after ``Example:``, the
-    examples; the comment behind a key describes it.
+    examples; the comment behind a key describes it. Groups and keys of the files in ``conf/base``
+    that it inherits come first.
 
     Args:
         config_name: The command's primary config.
@@ -36,12 +36,12 @@ def help_text(config_name: str) -> str:
     header = [line.lstrip("# ") for line in re.match(r"(?:#.*\n)*", text)[0].splitlines()]
     examples = [line.removeprefix(_EXAMPLE) for line in header if line.startswith(_EXAMPLE)]
     about = [line for line in header if not line.startswith(_EXAMPLE)]
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    files = [(text, yaml.compose(text, Loader=yaml.SafeLoader)) for text in _inherited(text)]
     sections = {
-        "Groups, GROUP=OPTION": _groups(text, root, config_name),
-        "Keys, KEY=VALUE": list(_keys(text, root)),
-        "Policies": _policies(root),
-        "Options": _options(text, root),
+        "Groups, GROUP=OPTION": [entry for file in files for entry in _groups(*file, config_name)],
+        "Keys, KEY=VALUE": [entry for file in files for entry in _keys(*file)],
+        "Policies": _policies([root for _, root in files]),
+        "Options": _options(text),
         "Examples" if len(examples) > 1 else "Example": [(line, "") for line in examples],
     }
     shown = [
@@ -52,6 +52,14 @@ def help_text(config_name: str) -> str:
     return "\n\n".join(["\n".join(about), *shown])
 
 
+def _inherited(text: str) -> list[str]:
+    """Return the texts of the files in ``conf/base`` that a config inherits, and its own last."""
+    names = [name for name in yaml.safe_load(text).get("defaults", []) if isinstance(name, str)]
+    files = [CONF_DIR / "base" / f"{name.removeprefix('base/')}.yaml" for name in names]
+    inherited = [_inherited(file.read_text()) for file in files if file.is_file()]
+    return [*(found for texts in inherited for found in texts), text]
+
+
 def _groups(text: str, root: yaml.MappingNode, config_name: str) -> list[tuple[str, str]]:
     """Return each group of the defaults list with its default, its options and its comment."""
     found = []
@@ -60,18 +68,20 @@ def _groups(text: str, root: yaml.MappingNode, config_name: str) -> list[tuple[s
             continue  # _self_ or another primary config
         key, value = item.value[0]
         name = key.value.removeprefix("override ")
-        options = ", ".join(_group_options(CONF_DIR / name.partition("@")[0], config_name))
-        if options and not name.startswith("hydra/"):
-            found.append((f"{name}={value.value}", _joined(options, _comment(text, value))))
+        name = name.removeprefix("/")
+        names = ", ".join(_group_options(name.partition("@")[0], config_name))
+        if names and not name.startswith("hydra/"):
+            found.append((f"{name}={value.value}", _joined(names, _comment(text, value))))
     return found
 
 
-def _group_options(folder: Path, config_name: str) -> list[str]:
+def _group_options(group: str, config_name: str) -> list[str]:
     """Return the options of a group; of the sweeps only those of this command."""
-    files = sorted(folder.glob("*.yaml"))
-    if folder.name == "sweep":
-        files = [file for file in files if f"outputs/{config_name}/" in file.read_text()]
-    return [file.stem for file in files]
+    names = options(group)
+    if group == "sweep":
+        texts = {name: (CONF_DIR / group / f"{name}.yaml").read_text() for name in names}
+        names = [name for name, text in texts.items() if f"outputs/{config_name}/" in text]
+    return names
 
 
 def _keys(text: str, node: yaml.MappingNode, prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -91,14 +101,13 @@ def _keys(text: str, node: yaml.MappingNode, prefix: str = "") -> Iterator[tuple
             yield f"{name}={shown}", f"required; {comment}" if shown == "???" else comment
 
 
-def _policies(root: yaml.MappingNode) -> list[tuple[str, str]]:
-    if "policy" not in _entries(root):
+def _policies(roots: list[yaml.MappingNode]) -> list[tuple[str, str]]:
+    if not any("policy" in _entries(root) for root in roots):
         return []
-    controllers = sorted(file.stem for file in (CONF_DIR / "controller").glob("*.yaml"))
-    return [("zoo", ", ".join(zoo_names())), ("controllers", ", ".join(controllers))]
+    return [("zoo", ", ".join(zoo_names())), ("controllers", ", ".join(options("controller")))]
 
 
-def _options(text: str, root: yaml.MappingNode) -> list[tuple[str, str]]:
+def _options(text: str) -> list[tuple[str, str]]:
     folder = re.search(r'run: \{dir: "(outputs/\w+)/\$\{now', text)
     if folder is None:  # the command has no folder of results
         return list(_OPTIONS.items())
@@ -116,8 +125,8 @@ def _comment(text: str, node: yaml.Node) -> str:
     return rest.partition("#")[2].strip()
 
 
-def _joined(options: str, comment: str) -> str:
-    return f"{options} ({comment})" if comment else options
+def _joined(names: str, comment: str) -> str:
+    return f"{names} ({comment})" if comment else names
 
 
 def _entry(words: str, comment: str) -> str:

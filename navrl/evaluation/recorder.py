@@ -1,75 +1,81 @@
-"""Recording of an episode while it is played."""
+"""Recording of episodes while they are played."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from tensordict import TensorDictBase
-from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
-from navrl.envs import Outcome
-from navrl.evaluation.recording import DECIDED, OBSERVED, TERM, Recording
-from navrl.evaluation.rollout import ERROR, evaluate
+from navrl.envs.transformed import base_env
+from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
+from navrl.evaluation.rollout import ERROR, EpisodeRecord, evaluate
 from navrl.worlds import Scenario, ScenarioBatch
 
 
 class EpisodeRecorder:
-    """Recorder of one world, the ``on_step`` of :func:`navrl.evaluation.evaluate`.
+    """Recorder of all worlds, the ``on_step`` of :func:`navrl.evaluation.evaluate`.
 
-    It does not affect the episode.
+    It does not affect the episodes.
 
     Args:
         env: Environment of the evaluation, with ``privileged=True``.
-        scenario: Scenario of the world.
-        row: Index of the world.
     """
 
-    def __init__(self, env: TransformedEnv, scenario: Scenario, row: int = 0) -> None:
-        self._env, self._scenario, self._row = env, scenario, row
-        self._series: dict[str, list[np.ndarray]] = defaultdict(list)
-        self._outcome, self._contact = Outcome.RUNNING, 0
+    def __init__(self, env: TransformedEnv) -> None:
+        self._env = env
+        self.clear()
+
+    def clear(self) -> None:
+        """Discard the collected steps."""
+        self._observed: list[dict[str, np.ndarray]] = []
+        self._decided: list[dict[str, np.ndarray]] = []
+        self._terms: list[dict[str, np.ndarray]] = []
+        self._contact: list[np.ndarray] = []
 
     def __call__(self, stepped: TensorDictBase) -> None:
-        """Add a batch of transitions; steps after the world's end are ignored."""
-        if self._outcome != Outcome.RUNNING:
-            return
-        before, after = stepped[self._row], stepped["next"][self._row]
-        self._contact = int(after[keys.CONTACT])
-        if not self._series:
-            self._append(before, OBSERVED)
-        self._append(after, OBSERVED)
-        self._append(before, [name for name in DECIDED if name != keys.ACTION])
-        command = self._env.transform.inv(stepped.exclude("next"))[keys.ACTION]
-        self._series[keys.ACTION].append(_copy(command[self._row]))
-        for name, term in after[keys.REWARD_TERMS].items():
-            self._series[TERM + name].append(_copy(term.squeeze(-1)))
-        self._outcome = Outcome(int(after[keys.OUTCOME]))
+        """Add a batch of transitions."""
+        after = stepped.get("next")
+        if not self._observed:
+            self._observed.append(_copies(stepped, OBSERVED))
+        self._observed.append(_copies(after, OBSERVED))
+        # The environment's action, after its transforms of the policy's action.
+        command = self._env.transform.inv(stepped.exclude("next"))
+        attention = [name for name in DECIDED if name != keys.ACTION]
+        decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
+        self._decided.append(decided)
+        terms = after.get(keys.REWARD_TERMS)
+        self._terms.append(_copies(terms, terms.keys()))
+        self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
 
-    def recording(self) -> Recording:
-        """Return the recording of the episode.
+    def recording(self, row: int, scenario: Scenario, record: EpisodeRecord) -> Recording:
+        """Return the recording of an episode; steps of its world after the end are ignored.
+
+        Args:
+            row: Index of the world.
+            scenario: Scenario of the world.
+            record: Record of the episode, with its outcome and number of steps.
 
         Raises:
-            ValueError: If it has not ended.
+            ValueError: If its steps were not collected.
         """
-        if self._outcome == Outcome.RUNNING:
-            raise ValueError("the episode has not ended")
-        series = {name: np.stack(rows) for name, rows in self._series.items()}
-        names = [name for name in series if name.startswith(TERM)]
-        series["contact"] = self._contact
-        terms = {name.removeprefix(TERM): series.pop(name) for name in names}
-        outcome = self._outcome.name.lower()
-        base = self._env.base_env
-        return Recording.of_episode(self._scenario, outcome, base, reward_terms=terms, **series)
-
-    def _append(self, step: TensorDictBase, names: list[str] | dict[str, tuple]) -> None:
-        for name in names:
-            value = step.get(name, None)
-            if value is not None:
-                self._series[name].append(_copy(value))
+        steps = record.steps
+        if not 0 < steps <= len(self._decided):
+            raise ValueError(
+                f"record.steps={steps}: must be within 1..{len(self._decided)}, the collected steps"
+            )
+        terms = {name: value[:, 0] for name, value in _series(self._terms[:steps], row).items()}
+        return Recording.of_episode(
+            scenario,
+            record.outcome,
+            base_env(self._env),
+            reward_terms=terms,
+            contact=self._contact[steps - 1][row].item(),  # later rows belong to other contacts
+            **_series(self._observed[: steps + 1], row),
+            **_series(self._decided[:steps], row),
+        )
 
 
 def record_episode(
@@ -90,12 +96,18 @@ def record_episode(
     Raises:
         RuntimeError: If the episode raised an exception; the message has the traceback.
     """
-    recorder = EpisodeRecorder(env, scenario)
+    recorder = EpisodeRecorder(env)
     (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]), on_step=recorder)
     if record.outcome == ERROR:
         raise RuntimeError(f"scenario {scenario.index} of {scenario.suite}:\n{record.error}")
-    return recorder.recording()
+    return recorder.recording(0, scenario, record)
 
 
-def _copy(value: Tensor) -> np.ndarray:
-    return value.detach().cpu().numpy().copy()
+def _copies(step: TensorDictBase, names: Iterable[str]) -> dict[str, np.ndarray]:
+    found = {name: step.get(name, None) for name in names}
+    return {k: v.detach().cpu().numpy().copy() for k, v in found.items() if v is not None}
+
+
+def _series(steps: list[dict[str, np.ndarray]], row: int) -> dict[str, np.ndarray]:
+    """Return one world's rows of every array, stacked over time."""
+    return {name: np.stack([step[name][row] for step in steps]) for name in steps[0]}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 
-from navrl.config import CONF_DIR, compose, did_you_mean, instantiate
+from navrl.config import CONF_DIR, compose, did_you_mean, instantiate, options
 from navrl.worlds.frozen import FROZEN, FrozenEpisodes, frozen_episodes
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
 
 def _choices() -> Iterator[tuple[Sequence[str], DictConfig]]:
     """Yield the overrides that choose a suite, and its node."""
-    names = sorted(file.stem for file in (CONF_DIR / "suite").glob("*.yaml"))
+    names = options("suite")
     # One composition of all: to compose navrl-evaluate for each takes seconds.
     nodes = compose(None, [f"+suite@{name}={name}" for name in names])
     for name in names:

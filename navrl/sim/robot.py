@@ -8,6 +8,7 @@ from itertools import product
 import torch
 from torch import Tensor
 
+from navrl.checks import check_positive
 from navrl.ops.unicycle import advance_pose, advance_poses, approach_velocity
 
 MODELS = ("kinematic", "wheeled")
@@ -50,20 +51,20 @@ class RobotModel(ABC):
 
     def advance_one(
         self,
-        pose: tuple[float, float, float],
-        velocity: tuple[float, ...],
-        command: tuple[float, ...],
+        pose: Sequence[float],
+        velocity: Sequence[float],
+        command: Sequence[float],
         duration: float,
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return pose and velocity of one robot as numbers; see :meth:`advance`."""
-        row = (torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command))
-        pose_after, velocity_after = self.advance(*row, duration)
+        rows = [torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command)]
+        pose_after, velocity_after = self.advance(rows[0], rows[1], rows[2], duration)
         return tuple(pose_after[0].tolist()), tuple(velocity_after[0].tolist())
 
     def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return the direction of travel [*B], world, rad, and the speed along it [*B], m/s.
 
-        They classify contacts: the robot is at fault for contacts on the side it moves towards.
+        Contacts are classified by them: the robot is at fault on the side it moves towards.
         """
         return pose[..., 2], velocity[..., 0]
 
@@ -142,16 +143,13 @@ class DifferentialDrive(RobotModel):
         model: str = "kinematic",
         wheel_acceleration: float = 2.0,
     ) -> None:
-        positive = {
-            "radius": radius,
-            "wheel_separation": wheel_separation,
-            "max_speed": max_speed,
-            "max_turn_rate": max_turn_rate,
-            "wheel_acceleration": wheel_acceleration,
-        }
-        for name, value in positive.items():
-            if not (value > 0.0 and math.isfinite(value)):
-                raise ValueError(f"{name}={value}: must be positive and finite")
+        check_positive(
+            radius=radius,
+            wheel_separation=wheel_separation,
+            max_speed=max_speed,
+            max_turn_rate=max_turn_rate,
+            wheel_acceleration=wheel_acceleration,
+        )
         if not -math.inf < min_speed < max_speed:
             raise ValueError(
                 f"min_speed={min_speed}: must be finite and less than max_speed={max_speed}"
@@ -217,9 +215,9 @@ class DifferentialDrive(RobotModel):
 
     def advance_one(
         self,
-        pose: tuple[float, float, float],
-        velocity: tuple[float, float],
-        command: tuple[float, float],
+        pose: Sequence[float],
+        velocity: Sequence[float],
+        command: Sequence[float],
         duration: float,
     ) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Return pose and velocity without tensors, in a few microseconds; see :meth:`advance`."""
@@ -227,9 +225,15 @@ class DifferentialDrive(RobotModel):
         w = min(max(command[1], -self.max_turn_rate), self.max_turn_rate)
         if self.model == "wheeled":
             v, w = approach_velocity(
-                *velocity, v, w, self.wheel_separation, self.wheel_acceleration * duration
+                velocity[0],
+                velocity[1],
+                v,
+                w,
+                self.wheel_separation,
+                self.wheel_acceleration * duration,
             )
-        return advance_pose(*pose, v, w, duration), (v, w)
+        x, y, yaw = pose
+        return advance_pose(x, y, yaw, v, w, duration), (v, w)
 
     def travel_one(self, pose: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
         return pose[2], velocity[0]

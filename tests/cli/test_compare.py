@@ -19,7 +19,7 @@ def compare(tmp_path, monkeypatch, capfd):
     return run
 
 
-def test_folders_are_words_and_the_first_is_the_reference(tmp_path, compare):
+def test_folder_arguments_use_the_first_as_reference(tmp_path, compare):
     write_evaluation(tmp_path / "policy=paper", "paper", [WON, WON, HIT])
     write_evaluation(tmp_path / "b", "dwa", [WON, HIT, HIT])
     status, printed, errors = compare("policy=paper", "b", "out=tables")
@@ -32,7 +32,7 @@ def test_folders_are_words_and_the_first_is_the_reference(tmp_path, compare):
     assert left == {"policy=paper", "b", "tables"}  # no run folder, no log
 
 
-def test_other_episodes_are_refused_in_a_line(tmp_path, compare):
+def test_different_episodes_are_a_one_line_error(tmp_path, compare):
     write_evaluation(tmp_path / "a", "paper", [WON])
     write_evaluation(tmp_path / "b", "dwa", [WON], suite_hash="other")
     status, _, errors = compare("a", "b")

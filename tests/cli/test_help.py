@@ -1,6 +1,7 @@
 """Help and version of each command."""
 
 import importlib
+import re
 import shlex
 import sys
 import tomllib
@@ -54,6 +55,15 @@ def test_help_lists_own_keys_with_comments(command, monkeypatch, capsys):
         assert group.startswith("hydra/") or any(x.startswith(f"{group}=") for x in lines), group
 
 
+@pytest.mark.parametrize("command", ["train", "evaluate", "play"])
+def test_help_lists_inherited_groups_and_keys(command, monkeypatch, capsys):
+    text = shown(command, "--help", monkeypatch, capsys)
+    listed = set(re.findall(r"^  ([\w@]+)[=.]", text, re.MULTILINE))
+    listed |= {name.partition("@")[2] for name in listed if "@" in name}
+    assert set(compose(command)) <= listed
+    assert "speed_corridor" in text  # a member of a family
+
+
 @pytest.mark.parametrize(
     "command, line",
     [
@@ -74,7 +84,7 @@ def test_help_shows_default_and_comment(command, line, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("command", CONFIGURED)
-def test_help_has_nothing_of_other_commands(command, monkeypatch, capsys):
+def test_help_omits_keys_of_other_commands(command, monkeypatch, capsys):
     text = shown(command, "--help", monkeypatch, capsys)
     assert "ablation" not in text or command == "train"
     assert "zoo  " not in text or command in ("evaluate", "play")

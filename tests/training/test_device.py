@@ -72,18 +72,18 @@ def marked(is_planted):
 
 
 @pytest.mark.parametrize("case", marked(is_planted=False))
-def test_a_step_of_training_stays_on_its_device(case, fake_training):
+def test_training_step_stays_on_its_device(case, fake_training):
     launched = fake_training(case)
     assert set(launched) >= KERNELS, launched
 
 
 @pytest.mark.parametrize("case", marked(is_planted=True))
-def test_what_does_not_stay_there_is_seen(case, fake_training):
+def test_device_transfer_is_detected(case, fake_training):
     assert fake_training(case) == [ERRORS[case[0]]]
 
 
 @pytest.mark.gpu
-def test_training_on_a_gpu_sees_what_training_on_the_cpu_sees():
+def test_gpu_and_cpu_training_observe_the_same():
     seen = {}
     for device in ("cpu", "cuda"):
         env = make_training_env(compose("train", [*OPTIONS, f"device={device}"]), 0)
@@ -105,7 +105,7 @@ def test_training_on_a_gpu_sees_what_training_on_the_cpu_sees():
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("options", [[], ["collector=process", "collector.num_workers=1"]])
-def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
+def test_gpu_run_resumes_on_gpu_and_cpu(tmp_path, options):
     options = [*options, "schedule.checkpoint_every_s=1e9", "algorithm.precision=float32"]
     gpu = ["device=cuda", "algorithm.cuda_graph=true"]
     trainer = tiny_trainer(tmp_path, [*options, *gpu])
@@ -125,7 +125,9 @@ def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
 @pytest.mark.gpu
 def test_workers_get_the_weights_of_a_learner_on_a_gpu():
     cfg = compose("train", [*OPTIONS, "device=cuda"])
-    actor, _ = make_agent(cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]})
+    actor, _ = make_agent(
+        cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
+    )
     behaviour = instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration))
     policy = WorkerPolicy(behaviour)
     with torch.no_grad():

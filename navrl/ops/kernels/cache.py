@@ -8,21 +8,20 @@ import logging
 import os
 import pickle
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-
-try:
-    import fcntl
-except ModuleNotFoundError:  # Windows: processes that start at once compile the same kernel
-    fcntl = None
 
 import numba
 from numba.core.caching import Cache
 from numba.core.serialize import dumps
 
 from navrl.files import explain_os_error, replacing
+
+if sys.platform != "win32":  # there, processes that start at once compile the same kernel
+    import fcntl
 
 LOG = logging.getLogger(__name__)
 _OPS = Path(__file__).parents[1]
@@ -91,7 +90,7 @@ class KernelFiles:
 
     def _lock(self, file: Path) -> bool:
         """Take the lock of a file until it is saved; return whether another process had it."""
-        if fcntl is None or file in self._locks:
+        if sys.platform == "win32" or file in self._locks:
             return False
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -114,8 +113,7 @@ class KernelFiles:
     def _unlock(self, file: Path) -> None:
         lock = self._locks.pop(file, None)
         if lock is not None:
-            if fcntl is not None:
-                fcntl.flock(lock, fcntl.LOCK_UN)  # of copies in forked processes too
+            fcntl.flock(lock, fcntl.LOCK_UN)  # of copies in forked processes too
             os.close(lock)
 
     def _file(self, key: object) -> Path:
@@ -128,7 +126,9 @@ def use_checked_files(dispatcher: Callable) -> None:
     cache = getattr(dispatcher, "_cache", None)
     if isinstance(cache, Cache):  # the CUDA simulator of Numba has none
         stamp = cache._impl.locator.get_source_stamp()
-        cache._cache_file = KernelFiles(cache.cache_path, cache._impl.filename_base, stamp)
+        files = KernelFiles(cache.cache_path, cache._impl.filename_base, stamp)
+        # Numba annotates its own class; the cache calls only what KernelFiles has, too.
+        cache._cache_file = files  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @functools.cache

@@ -11,6 +11,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.ops.kernels.space_time import FOUND, plan_kernel
 from navrl.policies.classical.commands import normalized_action
 from navrl.policies.classical.space_time_maps import space_time_maps
@@ -93,16 +94,13 @@ class Oracle(Controller):
     ) -> None:
         super().__init__()
         _check_oracle(robot, speeds, turns, efforts)
-        positive = {
-            "goal_radius": goal_radius,
-            "time_limit_steps": time_limit_steps,
-            "time_step_s": time_step_s,
-            "substeps": substeps,
-            "cell": cell,
-        }
-        for name, value in positive.items():
-            if not value > 0:
-                raise ValueError(f"{name}={value}: must be > 0")
+        check_positive(
+            goal_radius=goal_radius,
+            time_limit_steps=time_limit_steps,
+            time_step_s=time_step_s,
+            substeps=substeps,
+            cell=cell,
+        )
         self.in_keys, self.out_keys = [], [keys.ACTION]
         self.robot, self.goal_radius, self.cell = robot, goal_radius, cell
         self.time_limit_steps, self.efforts = time_limit_steps, tuple(efforts)
@@ -121,7 +119,7 @@ class Oracle(Controller):
 
     @property
     def commands(self) -> Tensor:
-        """Commands (v, w) of the moves of plans, ``[A, 2]`` m/s and rad/s."""
+        """Commands (v, w) of the motion primitives, ``[A, 2]`` m/s and rad/s."""
         turn_rate = self._primitives[:, 1] * (2 * math.pi / self._bins / self.time_step_s)
         return torch.stack([self._primitives[:, 0], turn_rate], dim=-1)
 
