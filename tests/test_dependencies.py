@@ -48,10 +48,10 @@ def with_base_packages():
         "from navrl import networks, sim, algos\n"
         "pool = MinPool(group_size=4, in_keys=['scan'], out_keys=['pooled', 'points', 'hit'])\n"
         "print(pool(TensorDict({'scan': torch.rand(2, 360)}, [2]))['points'].shape)\n"
-        "sim.BatchedSimulator\n"
         "for module in ('envs', 'factory', 'worlds'):\n"
         "    try:\n        importlib.import_module(f'navrl.{module}')\n"
-        "    except ModuleNotFoundError as error:\n        print(module, error)\n",
+        "    except ModuleNotFoundError as error:\n        print(module, error)\n"
+        "sim.BatchedSimulator\n",
     )
 
 

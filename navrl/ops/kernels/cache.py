@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import logging
@@ -113,7 +114,8 @@ class KernelFiles:
     def _unlock(self, file: Path) -> None:
         lock = self._locks.pop(file, None)
         if lock is not None:
-            fcntl.flock(lock, fcntl.LOCK_UN)  # of copies in forked processes too
+            with contextlib.suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_UN)  # of copies in forked processes too
             os.close(lock)
 
     def _file(self, key: object) -> Path:
