@@ -20,6 +20,7 @@ from navrl.viz import plot_benchmark
 
 COMMAND = [
     *("navrl-benchmark", "effort=quick", "effort.repeats=1", "num_worlds=8"),
+    *("effort.step_worlds=8", "effort.memory_worlds=8"),
     *("pool_size=4", "scenario=corridor", "network=small", "replay.batch_size=8"),
     "hydra.run.dir=run",
 ]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import multiprocessing.forkserver
 import os
 import signal
 import subprocess
@@ -20,6 +21,7 @@ from navrl.evaluation.unfinished import FinishedChunks
 from navrl.factory import EvaluatedPolicy
 from navrl.jobs import evaluation as building
 from navrl.jobs import run_evaluation
+from navrl.processes import worker_context
 from navrl.worlds import Scenario
 
 SHORT = ["suite=smoke", "num_worlds=2", "num_threads=1", "progress_bar=false"]
@@ -44,6 +46,24 @@ def test_results_do_not_depend_on_the_number_of_processes(alone, tmp_path):
     found = play(tmp_path, "num_processes=2", simulator=simulator)
     assert found == expected
     assert not (tmp_path / "unfinished").exists()
+
+
+def test_no_more_worlds_than_episodes_are_simulated(tmp_path, monkeypatch):
+    counts, make = [], building.make_evaluated_policy
+
+    def counting(cfg, **options):
+        counts.append(cfg.num_worlds)
+        return make(cfg, **options)
+
+    monkeypatch.setattr(building, "make_evaluated_policy", counting)
+    play(tmp_path, "num_worlds=100", "suite.num_episodes=2")
+    assert max(counts) == 2
+
+
+def test_server_of_worker_processes_imports_the_evaluation():
+    """Or each worker would import torch again."""
+    worker_context()
+    assert "navrl.jobs.playing" in multiprocessing.forkserver._forkserver._preload_modules
 
 
 CUT_OFF = (
