@@ -1,5 +1,6 @@
 """Options and defaults of the whole test suite."""
 
+import copy
 import functools
 import os
 import shutil
@@ -7,10 +8,15 @@ import shutil
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tests run side by side; threads would fight
 
 from pathlib import Path
+from unittest import mock
 
+import hydra
 import pytest
 import torch
 from filelock import FileLock
+from hydra.core.global_hydra import GlobalHydra
+
+from navrl.config import CONF_DIR
 
 torch.set_num_threads(1)
 
@@ -43,6 +49,24 @@ def once(tmp_path_factory):
         return folder
 
     return filled
+
+
+@pytest.fixture(scope="session", autouse=True)
+def composed_once():
+    """Compose equal choices of navrl's own configurations once; each caller gets a copy."""
+    compose = hydra.compose
+    own = functools.lru_cache(maxsize=64)(lambda name, choice: compose(name, list(choice)))
+
+    def composed(config_name=None, overrides=(), **options):
+        loader = GlobalHydra.instance().config_loader()
+        paths = [element.path for element in loader.get_search_path().get_path()]
+        files = [path for path in paths if not path.startswith(("pkg://", "structured://"))]
+        if options or {path.removeprefix("file://") for path in files} != {str(CONF_DIR)}:
+            return compose(config_name, list(overrides), **options)
+        return copy.deepcopy(own(config_name, tuple(overrides)))
+
+    with mock.patch.object(hydra, "compose", composed):
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

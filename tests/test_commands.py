@@ -88,8 +88,14 @@ OTHERS = {
     MINE,  # the last test
 }
 OWN_TESTS = {"extending.md"}  # tests/test_extending.py
+# Parts of it are in other commands; 20 s of starting processes.
+NIGHTLY = "navrl-benchmark 'rows=[workers,update,training]'"
 COMMANDS = [
-    pytest.param(page, command, id=f"{page.name}-{k}")
+    pytest.param(
+        *(page, command),
+        id=f"{page.name}-{k}",
+        marks=pytest.mark.slow if command == NIGHTLY else (),
+    )
     for page in pages.PAGES
     if page.name not in OWN_TESTS
     for k, command in enumerate(pages.commands(page))
