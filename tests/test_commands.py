@@ -9,13 +9,11 @@ import shutil
 import sys
 from contextlib import nullcontext
 from pathlib import Path
-from unittest import mock
 
 import pages
 import pytest
 from omegaconf import OmegaConf
 
-from navrl import viz
 from navrl.config import CONF_DIR, compose
 
 # What the commands of a program are shortened by: words that set a key take its place.
@@ -170,12 +168,6 @@ def needed(page: Path, command: str) -> list[str]:
     return [other for other in before if (folder := produced(other)) and folder in reads]
 
 
-def undrawn():
-    """Let trainings write empty pictures: the first one of a session draws them all."""
-    functions = ("plot_curves", "save_gif", "save_png")
-    return mock.patch.multiple(viz, **dict.fromkeys(functions, lambda _, file: file.touch()))
-
-
 class Bench:
     """Runs each command once per session in a user's folder of its own."""
 
@@ -194,7 +186,7 @@ class Bench:
         words = [*pages.arguments(command, extra), *map(str, before), str(drawn)]
         name = hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
         before = before or [self._once("trained", self._train) / "user"]
-        drawing = nullcontext if drawn or not command.startswith("navrl-train") else undrawn
+        drawing = nullcontext if drawn or not command.startswith("navrl-train") else pages.undrawn
 
         def fill(folder):
             with drawing():

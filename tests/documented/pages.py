@@ -7,8 +7,11 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from unittest import mock
+
+from navrl import viz
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -73,6 +76,12 @@ def run(command: str, *extra: str) -> object:
     module = importlib.import_module(words[0].replace("navrl-", "navrl.cli.", 1))
     with mock.patch.object(sys, "argv", words):
         return module.main()
+
+
+def undrawn() -> AbstractContextManager:
+    """Let trainings write empty pictures, where others of the same kind draw them."""
+    functions = ("plot_curves", "save_gif", "save_png")
+    return mock.patch.multiple(viz, **dict.fromkeys(functions, lambda _, file: file.touch()))
 
 
 def exit_status(command: str, *extra: str) -> int:
