@@ -63,7 +63,7 @@ class RobotModel(ABC):
     def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return the direction of travel [*B], world, rad, and the speed along it [*B], m/s.
 
-        Contacts are classified by them: the robot is at fault on the side it moves towards.
+        They classify contacts by fault: the robot is at fault on the side it moves towards.
         """
         return pose[..., 2], velocity[..., 0]
 

@@ -57,12 +57,12 @@ class Oracle(Controller):
         robot: Kinematic robot, whose motion follows exactly from the commands.
         goal_radius: Distance to the goal that counts as success, m.
         time_limit_steps: Steps in which the goal must be reached.
-        time_step_s: s.
+        time_step_s: Time between two commands, s.
         substeps: Contact checks per step.
         speeds: Speeds of a step as fractions of the maximum; 0 waits or turns in place.
         turns: Left turns of a step as fractions of the maximum, multiples of the first one; right
             turns and straight motion are added.
-        cell: m; only the first pose per cell, heading and step is expanded.
+        cell: Size of a cell, m; only the first pose per cell, heading and step is expanded.
         efforts: Attempts in order, until one finds a plan.
 
     Raises:
