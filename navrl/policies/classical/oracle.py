@@ -11,6 +11,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from navrl import keys
+from navrl.deprecation import renamed_arguments, warn
 from navrl.ops.kernels.space_time import FOUND, plan_kernel
 from navrl.policies.classical.commands import normalized_action
 from navrl.policies.classical.space_time_maps import space_time_maps
@@ -25,20 +26,30 @@ class SearchEffort:
 
     Args:
         margin: Clearance of the plan to all obstacles, m.
-        greed: Weight of the heuristic; 1 finds the shortest plan, higher values find one faster.
+        heuristic_weight: Weight of the heuristic of A*; 1 finds the shortest plan, higher values
+            find a plan faster.
         max_nodes: Number of expanded poses after which the attempt fails.
     """
 
     margin: float
-    greed: float
+    heuristic_weight: float
     max_nodes: int
 
+    @property
+    def greed(self) -> float:
+        """Deprecated name of :attr:`heuristic_weight`."""
+        warn("SearchEffort.greed", "use heuristic_weight")
+        return self.heuristic_weight
+
     def __post_init__(self) -> None:
-        if not (self.margin >= 0 and self.greed > 0 and self.max_nodes > 0):
+        if not (self.margin >= 0 and self.heuristic_weight > 0 and self.max_nodes > 0):
             raise ValueError(
-                f"margin={self.margin}: must be >= 0 m; greed={self.greed}, "
+                f"margin={self.margin}: must be >= 0 m; heuristic_weight={self.heuristic_weight}, "
                 f"max_nodes={self.max_nodes}: must be > 0"
             )
+
+
+SearchEffort.__init__ = renamed_arguments(greed="heuristic_weight")(SearchEffort.__init__)
 
 
 class Oracle(Controller):
@@ -166,7 +177,7 @@ class Oracle(Controller):
             reach,
             self.goal_radius - min(effort.margin, 0.1 * self.goal_radius),
             self.cell,
-            effort.greed,
+            effort.heuristic_weight,
             effort.max_nodes,
             plan.numpy(),
             code.numpy(),
