@@ -82,7 +82,7 @@ class RobotModel(ABC):
 
     @property
     def travel_bearings(self) -> tuple[float, ...]:
-        """Bearings that single components of a command drive it towards, rad, 0 straight ahead.
+        """Bearings of motion of the single command components, rad, 0 straight ahead.
 
         A robot is not driven where it cannot see in one of them.
         """
