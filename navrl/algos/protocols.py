@@ -66,7 +66,7 @@ class Exploration(Protocol):
         """Return the noise scale after ``frames`` environment steps, for the log."""
 
     def __call__(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
-        """Change ``action [N, C]`` in [-1, 1] in place, unless exploration is disabled."""
+        """Change ``action [N, C]`` in [-1, 1] in place, unless exploring is off."""
 
 
 def check_protocol(name: str, built: object, protocol: type) -> None:

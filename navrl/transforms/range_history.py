@@ -92,7 +92,7 @@ class RangeHistory(Transform):
         return self._write(next_tensordict, se2.transform_points(transform, past))
 
     def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Set missing past scans to the current scan."""
+        """Fill the missing past with the current scan."""
         points = read(self, tensordict, self.in_keys[0]).unsqueeze(-3)
         past = points.repeat_interleave(self.num_scans, dim=-3)
         return self._write(tensordict, past)

@@ -68,7 +68,7 @@ class ScanHistory(Transform):
         return next_tensordict
 
     def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Set missing previous entries to the current ones."""
+        """Fill the missing past with the current scan."""
         for now, previous in zip(self.in_keys, self.out_keys, strict=True):
             tensordict.set(previous, read(self, tensordict, now).clone())
         return tensordict
