@@ -18,6 +18,7 @@ from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from navrl.deprecation import renamed_attributes
 from navrl.files import explain_os_error
 
 CONF_DIR = next(
@@ -145,6 +146,8 @@ def describe(error: BaseException) -> str:
 def _arguments_of(message: str) -> str:
     """Return the arguments of the target of a failed call."""
     match = re.search(r"call to target '([\w.]+)'", message)
+    if match is None:
+        return ""
     try:
         names = list(inspect.signature(hydra.utils.get_object(match[1])).parameters)
     except Exception:  # the hint must never hide the error
@@ -229,3 +232,6 @@ def check_types(
         if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
             continue
         raise ValueError(f"{key}={value}: must be {type(default).__name__}, as in {key}={default}")
+
+
+__getattr__ = renamed_attributes(__name__, {"hydra_main": "navrl.cli.command.hydra_main"})

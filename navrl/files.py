@@ -26,7 +26,7 @@ def replacing(file: str | Path) -> Iterator[BinaryIO]:
     exception the hidden file is removed and ``file`` is not changed.
 
     Args:
-        file: What to write; missing folders are created. An existing non-regular file, such as
+        file: File to write; missing folders are created. An existing non-regular file, such as
             ``/dev/stdout``, is written in place.
 
     Raises:

@@ -5,6 +5,8 @@ frame, *robot* has x forward and y left, and angles grow counter-clockwise. Tran
 keys; these are the defaults.
 """
 
+from navrl.deprecation import renamed_attributes
+
 # --- raw outputs of the environment --------------------------------------------------------------
 RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams in the lidar's frame; maximum = no return
 POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
@@ -33,10 +35,10 @@ PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projecti
 SPATIAL_INPUT = "spatial"  # [*B, N, 2]
 SPATIAL_PREVIOUS_INPUT = "spatial_previous"  # [*B, N, 2], only for the NO-TAGD ablation
 TEMPORAL_INPUT = "temporal"  # [*B, N_c, 4]
-WAYPOINT_INPUT = "waypoint"  # [*B, N_f, 2]
-DISTANCE_INPUT = "distance"  # [*B, N] pooled ranges, scan of the baselines
-DISTANCES_INPUT = "distances"  # [*B, K + 1, N] current and past ranges, aligned
-GOAL_INPUT = "goal"  # [*B, 2]
+WAYPOINTS_SCALED = "waypoints_scaled"  # [*B, N_f, 2]
+RANGES_POOLED_SCALED = "ranges_pooled_scaled"  # [*B, N], scan of the baselines
+RANGES_HISTORY_SCALED = "ranges_history_scaled"  # [*B, K + 1, N] current and past ranges, aligned
+GOAL_SCALED = "goal_position_scaled"  # [*B, 2]
 
 # --- outputs of the agent ------------------------------------------------------------------------
 # (v, w), m/s and rad/s, in the environment; in [-1, 1] at the policy, where its meaning depends on
@@ -58,3 +60,13 @@ PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; 
 # --- only between workers and learner ------------------------------------------------------------
 WORKER = "worker"  # [*B, 1] int64, index of the worker
 MAX_DYNAMIC = "max_dynamic"  # [*B, 1] int64, curriculum level of new episodes
+
+__getattr__ = renamed_attributes(
+    __name__,
+    {
+        "WAYPOINT_INPUT": "WAYPOINTS_SCALED",
+        "DISTANCE_INPUT": "RANGES_POOLED_SCALED",
+        "DISTANCES_INPUT": "RANGES_HISTORY_SCALED",
+        "GOAL_INPUT": "GOAL_SCALED",
+    },
+)

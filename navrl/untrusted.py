@@ -170,8 +170,9 @@ def read_arrays(
 
 def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> bool:
     """Return whether a value is a finite number in [low, high], excluding bool."""
-    is_real = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_real and abs(value) <= sys.float_info.max and low <= value <= high
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    return abs(value) <= sys.float_info.max and low <= value <= high
 
 
 def _of_kind(value: object, kind: type, file: str | Path, remedy: str) -> Any:

@@ -1,9 +1,37 @@
 """Names of the release before resolve to their new homes, with a deprecation warning."""
 
+import warnings
+from importlib import import_module
+
 import pytest
+import torch
 
 import navrl.build
 from navrl import factory, jobs
+from navrl.algos import GaussianExploration
+from navrl.config import compose, instantiate
+from navrl.deprecation import RENAMED_INPUTS, input_key, renamed_arguments
+from navrl.factory.policy import make_runner, with_controller
+from navrl.networks import AttentionStream, CriticNetwork, VectorStream
+from navrl.policies import ZOO, load_bundle, zoo_names
+from navrl.policies.classical import DynamicWindow
+from navrl.sim import Contact, DifferentialDrive, Simulator
+from navrl.transforms import ActionShield
+
+MOVED = {
+    "navrl.config.hydra_main": "navrl.cli.command.hydra_main",
+    "navrl.evaluation.metrics.run_into": "navrl.evaluation.metrics.hit_by_pedestrian",
+    "navrl.keys.WAYPOINT_INPUT": "navrl.keys.WAYPOINTS_SCALED",
+    "navrl.networks.restraint.restrain": "navrl.networks.saturation.penalize_saturation",
+    "navrl.ops.contact.RUN_INTO": "navrl.ops.contact.HIT_BY_PEDESTRIAN",
+    "navrl.ops.contact.blame": "navrl.ops.contact.classify_contact",
+    "navrl.worlds.KINDS": "navrl.worlds.batch.KINDS",
+}
+
+
+def find(name: str) -> object:
+    module, _, attribute = name.rpartition(".")
+    return getattr(import_module(module), attribute)
 
 
 @pytest.mark.parametrize(
@@ -23,3 +51,109 @@ def test_old_build_names_warn_and_resolve(old, new):
 def test_unknown_build_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = navrl.build.no_such_name
+
+
+@pytest.mark.parametrize("old, new", MOVED.items())
+def test_renamed_attributes_warn_and_resolve(old, new):
+    with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}"):
+        assert find(old) is find(new)
+
+
+@pytest.mark.parametrize("module", sorted({name.rpartition(".")[0] for name in MOVED}))
+def test_unknown_attributes_of_modules_are_errors(module):
+    with pytest.raises(AttributeError, match="no_such_name"):
+        find(f"{module}.no_such_name")
+
+
+def test_renamed_contact_code_warns_and_resolves():
+    with pytest.warns(DeprecationWarning, match=r"Contact.RUN_INTO is deprecated"):
+        assert Contact.RUN_INTO is Contact.HIT_BY_PEDESTRIAN
+    assert "RUN_INTO" not in Contact.__members__
+    with pytest.raises(AttributeError, match="NO_SUCH_CODE"):
+        _ = Contact.NO_SUCH_CODE
+
+
+def test_action_size_of_the_exploration_warns():
+    with pytest.warns(DeprecationWarning, match="action_size is deprecated"):
+        assert GaussianExploration(std=[1.0, 0.5]).action_size == 2
+
+
+def test_renamed_methods_warn_and_call_the_new_ones():
+    class Recorded:
+        def q_value(self, action, feature):
+            return action + feature
+
+        def skip(self, worlds):
+            self.skipped = worlds
+
+    recorded = Recorded()
+    with pytest.warns(DeprecationWarning, match="judge is deprecated: use q_value"):
+        assert CriticNetwork.judge(recorded, 1, 2) == 3
+    with pytest.warns(DeprecationWarning, match="rest is deprecated: use skip"):
+        Simulator.rest(recorded, torch.tensor([True]))
+    assert recorded.skipped.tolist() == [True]
+
+
+@pytest.mark.parametrize("old, new", [("least_speed", "min"), ("most_speed", "max")])
+def test_renamed_config_keys_of_dwa_warn(old, new):
+    cfg = compose("evaluate", ["policy=dwa_predictive", f"+change.controller.{old}=0.5"])
+    with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
+        node = with_controller(cfg).controller
+    assert 0.5 in instantiate(node).speed_range
+    with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
+        assert 0.5 in DynamicWindow(DifferentialDrive(), **{old: 0.5}).speed_range
+
+
+@pytest.mark.parametrize("name", zoo_names())
+def test_shipped_bundles_load_without_deprecation_warnings(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        load_bundle(ZOO / name)
+
+
+def test_renamed_key_changes_a_shipped_bundle_of_version_0_1():
+    change = "+change.transforms.action_shield.least_speed=0.5"
+    with pytest.warns(DeprecationWarning, match="least_speed is deprecated"):
+        old = make_runner(compose("evaluate", ["policy=navrl-best", change]))
+    new = change.replace("least", "min_descriptor")
+    new = make_runner(compose("evaluate", ["policy=navrl-best", new]))
+    for runner in (old, new):
+        (shield,) = (part for part in runner._transform.modules() if isinstance(part, ActionShield))
+        assert shield.speed_range == (0.5, 1.5)
+
+
+def test_renamed_argument_must_be_given_once():
+    @renamed_arguments(least="smallest")
+    def function(smallest):
+        return smallest
+
+    assert function(1) == function(smallest=1) == 1
+    with pytest.warns(DeprecationWarning, match="least is deprecated: use smallest"):
+        assert function(least=2) == 2
+    with pytest.raises(TypeError, match="must be given once, as smallest"):
+        function(smallest=1, least=2)
+
+
+@pytest.mark.parametrize("observed", ["waypoints_scaled", "waypoint"])
+def test_networks_read_inputs_under_names_of_version_0_1(observed):
+    shapes = {"spatial": [180, 2], observed: [5, 2]}
+    assert AttentionStream("spatial", shapes).in_keys == ["spatial", observed]
+    if observed == "waypoint":
+        assert VectorStream("waypoint", shapes, [8]).in_keys == ["waypoint"]
+        return
+    with pytest.warns(DeprecationWarning, match="input key waypoint is deprecated: use waypoints_"):
+        assert VectorStream("waypoint", shapes, [8]).in_keys == ["waypoints_scaled"]
+
+
+@pytest.mark.parametrize("name", zoo_names())
+def test_shipped_bundles_have_present_names_of_inputs(name):
+    bundle = load_bundle(ZOO / name)
+    assert not set(bundle.actor.in_keys) & RENAMED_INPUTS.keys()
+    text = str(bundle.config)
+    assert all(f"'{key}'" not in text for key in ("waypoint", "distance", "distances"))
+
+
+def test_renamed_input_of_a_model_of_another_library_is_found():
+    key = input_key("waypoint", ["ranges", "waypoints_scaled"])
+    assert key == "waypoints_scaled"
+    assert input_key("no_such_key", ["ranges"]) == "no_such_key"

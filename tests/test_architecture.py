@@ -12,6 +12,7 @@ RANK = {
     "ops": 0,
     "checks": 0,
     "config": 0,
+    "deprecation": 0,
     "extras": 0,
     "files": 0,
     "untrusted": 0,
@@ -67,7 +68,7 @@ def test_imports_point_down(path):
 
 
 @pytest.mark.parametrize("path", FILES, ids=names)
-def test_dependencies_stay_at_home(path):
+def test_dependencies_are_imported_only_where_allowed(path):
     place = names(path)
     for imported in imports(path):
         homes = HOMES.get(imported.split(".")[0])
@@ -101,7 +102,7 @@ def test_functions_with_a_cfg_are_found():
     assert configured(f"{code}def d(config: dict): ...") == ["a(cfg)", "c(node)"]
 
 
-def test_no_modules_import_each_other_in_a_circle():
+def test_modules_have_no_import_cycles():
     """Imports under ``TYPE_CHECKING`` and within functions count."""
     modules = {module(path): path for path in FILES}
     arrows = {name: needed(path, modules) - {name} for name, path in modules.items()}
@@ -131,7 +132,7 @@ def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
     return sorted((list(ring) for ring in rings), key=len, reverse=True)
 
 
-def test_circles_are_found():
+def test_import_cycles_are_detected():
     arrows = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}, "e": set()}
     assert circles(arrows) == [["a", "b", "c"]]
 

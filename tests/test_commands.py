@@ -146,7 +146,7 @@ def test_printed_commands_run(page, folder, capsys):
         check(command, capsys)
 
 
-def test_a_readers_own_folder_of_configs_needs_no_edit_here(folder, monkeypatch):
+def test_users_config_folder_needs_no_edit(folder, monkeypatch):
     page = pages.ROOT / "docs" / "configuration.md"
     assert MINE in pages.commands(page)
     for name, text in pages.files(page).items():

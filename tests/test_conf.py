@@ -46,7 +46,7 @@ def test_nodes_bind_to_the_signatures_of_their_targets(path):
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))
-def test_default_of_a_real_argument_is_real(path):
+def test_default_of_a_float_argument_is_a_float(path):
     """An override is compared with the type of the default: after 60 only integers are taken."""
     for node in nodes(OmegaConf.to_container(OmegaConf.load(path), resolve=False)):
         arguments = inspect.signature(resolve(node["_target_"])).parameters
@@ -73,12 +73,12 @@ def test_composed_options_bind_to_the_signatures_of_their_targets():
 
 @pytest.mark.parametrize("override", ["checkpoint_every_s=0.5", "frames_per_update=0.5"])
 @pytest.mark.parametrize("choice", ["schedule=quick", "schedule=standard", "hardware=gpu"])
-def test_schedules_take_fractions(override, choice):
+def test_schedules_accept_fractions(override, choice):
     check_types("train", [choice, f"schedule.{override}"])
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))
-def test_numbers_say_their_unit_or_source(path):
+def test_numbers_have_a_unit_or_source(path):
     for line in path.read_text().splitlines():
         if line.startswith("#"):
             continue
@@ -88,7 +88,7 @@ def test_numbers_say_their_unit_or_source(path):
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_experiment_trains(name, tmp_path):
+def test_all_experiments_train(name, tmp_path):
     overrides = [
         f"experiment={name}",
         "num_worlds=2",
@@ -116,7 +116,7 @@ def test_every_experiment_trains(name, tmp_path):
     assert (summary["episodes"], summary["errors"]) == (4, 0)
 
 
-def test_ablations_differ_from_the_paper_only_where_they_say():
+def test_ablations_differ_from_the_paper_as_documented():
     size = {}
     for name in ("paper", "no_spatial", "no_temporal", "no_tagd"):
         cfg = compose("train", [f"experiment={name}"])
@@ -124,7 +124,7 @@ def test_ablations_differ_from_the_paper_only_where_they_say():
             "spatial": [180, 2],
             "spatial_previous": [180, 2],
             "temporal": [30, 4],
-            "waypoint": [5, 2],
+            "waypoints_scaled": [5, 2],
         }
         actor, _ = factory.make_agent(cfg, shapes)
         size[name] = sum(p.numel() for p in actor.parameters())

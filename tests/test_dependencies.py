@@ -60,7 +60,7 @@ def test_a_missing_extra_is_named(code):
     assert "skimage" in line and "pip install -e '.[full]' in a clone of navrl" in line
 
 
-def test_a_command_without_its_extra_ends_with_one_line():
+def test_command_without_its_extra_is_a_one_line_error():
     done = run("from navrl.cli.train import main; main()")
     assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1
     assert done.stderr.startswith("navrl: the commands: needs hydra")
@@ -79,13 +79,13 @@ def test_ranges_are_open_and_the_constraints_are_within_them():
         assert requirement.specifier.contains(pin), (requirement, pin)
 
 
-def test_the_base_stays_small():
+def test_base_dependencies_are_few():
     base = names(PROJECT["dependencies"])
     assert base == {"torch", "torchrl", "tensordict", "gymnasium", "numba", "numpy"}
     assert not base & names(EXTRAS["full"])
 
 
-def test_python_versions_claimed_are_those_of_the_range():
+def test_python_classifiers_match_the_range():
     versions = [
         line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if ":: Python :: 3." in line
     ]
@@ -94,7 +94,7 @@ def test_python_versions_claimed_are_those_of_the_range():
     assert PROJECT["requires-python"] == f">=3.{min(minors)},<3.{max(minors) + 1}"
 
 
-def test_no_text_says_that_navrl_is_on_an_index():
+def test_no_text_claims_a_package_index():
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True).stdout
     suffixes = {".py", ".md", ".yaml", ".yml", ".toml", ".cff", ".txt"}
     paths = [ROOT / line for line in listed.splitlines()] or [*ROOT.rglob("*.*")]

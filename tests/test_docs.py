@@ -86,7 +86,7 @@ def test_every_page_is_reachable():
     assert "strict: true" in menu
 
 
-def test_the_pipeline_names_every_folder_and_key_with_the_shapes_there_are():
+def test_pipeline_page_lists_folders_keys_and_shapes():
     page = (ROOT / "docs" / "pipeline.md").read_text()
     folders = {folder.parent.name for folder in (ROOT / "navrl").glob("*/__init__.py")}
     assert all(f"`{folder}`" in page for folder in folders)

@@ -1,4 +1,4 @@
-"""Examples in docstrings run, and public transforms, operations and network streams have one."""
+"""Examples in docstrings run; public transforms, ops, metrics and network streams have one."""
 
 import doctest
 import inspect
@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import navrl
+import navrl.evaluation.metrics
 import navrl.networks
 import navrl.ops
 import navrl.transforms
@@ -26,6 +27,9 @@ def public_objects() -> dict[str, object]:
     found = {
         f"transforms.{name}": getattr(navrl.transforms, name) for name in navrl.transforms.__all__
     }
+    metrics = navrl.evaluation.metrics
+    found |= {f"metrics.{name}": getattr(metrics, name) for name in metrics.__all__}
+    found |= {f"metrics.{row.name}": row.function for row in metrics.METRICS}
     streams = {name: getattr(navrl.networks, name) for name in navrl.networks.__all__}
     found |= {
         f"networks.{name}": item
@@ -40,7 +44,7 @@ def public_objects() -> dict[str, object]:
             is_own = getattr(item, "__module__", None) == info.name and not name.startswith("_")
             if is_own and callable(item) and not inspect.isclass(item):
                 found[f"{info.name.removeprefix('navrl.')}.{name}"] = item
-    return found
+    return {name: item for name, item in found.items() if callable(item)}
 
 
 @pytest.mark.parametrize("name", WITH_EXAMPLES)

@@ -24,7 +24,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("command", "overrides", "words"), CASES, ids=lambda v: str(v)[:30])
-def test_one_line(command, overrides, words, tmp_path):
+def test_error_is_one_line(command, overrides, words, tmp_path):
     code = f"import sys; from navrl.cli.{command} import main; sys.argv[0] = 'navrl'; main()"
     result = subprocess.run(
         [sys.executable, "-c", code, *overrides, "hydra.run.dir=."],

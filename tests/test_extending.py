@@ -10,6 +10,7 @@ from pathlib import Path
 from unittest import mock
 
 import gymnasium
+import matplotlib.image
 import pages
 import pytest
 import torch
@@ -85,7 +86,7 @@ def first_episodes(run):
     return env, env.reset()
 
 
-def test_every_file_is_asked_for_by_a_command():
+def test_every_documented_file_is_used_by_a_command():
     chosen = " ".join(COMMANDS)
     texts = pages.files(PAGE)
     for name in texts:
@@ -110,8 +111,39 @@ def test_own_transform(here):
     assert evaluate("policy=outputs/train/mast")["policy"] == "mast"
 
 
+def test_own_pooling(here):
+    run = here / train("transforms=median")
+    finished(run)
+    _, td = first_episodes(run)
+    beams = td["ranges"].unflatten(-1, (180, 8))
+    torch.testing.assert_close(td["ranges_pooled"], beams.median(-1).values)
+
+
+def test_own_world_from_a_map(here):
+    (script,) = [text for text in pages.blocks(PAGE, "python") if "plan.png" in text]
+    exec(compile(script, "plan", "exec"), {})
+    cfg, _ = finished(here / train("scenario=plan"))
+    scenario = instantiate(cfg.scenario).sample("mine", seed=0, index=0)
+    occupied = matplotlib.image.imread("plan.png")[..., 0] < 0.5
+    assert scenario.kind == "floor_plan" and len(scenario.boxes) == occupied.sum()
+    assert occupied.sum() == 88
+
+
+def test_own_collector(here):
+    run = here / train("collector=turns")
+    cfg, _ = finished(run)
+    assert cfg.collector._target_ == "my_package.turns.Alternating"
+
+
+def test_own_picture(here):
+    play = "environment.time_limit_steps=3 policy=stand_still hydra.run.dir=outputs/play/mine"
+    pages.run(f"navrl-play {play}")
+    pages.run(printed("picture=commands"), "hydra.run.dir=outputs/plot/mine")
+    assert matplotlib.image.imread("outputs/plot/mine/commands.png").std() > 0
+
+
 def test_own_world(here, capsys):
-    (script,) = pages.blocks(PAGE, "python")
+    (script,) = [text for text in pages.blocks(PAGE, "python") if "my_package.hall" in text]
     exec(compile(script, "extending.md", "exec"), {"__name__": "script"})
     kind, points, people = capsys.readouterr().out.split()
     assert kind == "hall" and int(points) > 80 and int(people) >= 2
@@ -173,7 +205,7 @@ def test_own_algorithm(here):
     assert {"loss_alpha", "loss_qvalue"} <= {column.rpartition("/")[2] for column in columns}
 
 
-def test_algorithm_without_the_members_is_refused(here, capsys):
+def test_algorithm_without_the_members_is_rejected(here, capsys):
     words = ["algorithm._target_=builtins.dict", *pages.TINY_TRAINING]
     with pytest.raises(SystemExit, match="2"):
         pages.run(printed("algorithm=sac"), *words)
@@ -241,13 +273,13 @@ def test_own_base(here):
     assert command.shape == (3,) and abs(command).max() > 0
 
 
-def test_a_mistake_in_an_own_file_is_answered_in_a_line(here, capsys):
+def test_error_in_a_users_file_is_one_line(here, capsys):
     with pytest.raises(SystemExit, match="2"):
         pages.run(printed("robot=cart"), "+robot.wings=2", *pages.TINY_TRAINING)
     assert capsys.readouterr().err.startswith("navrl: ")
 
 
-def test_compose_is_left_as_it_was():
+def test_compose_state_is_restored():
     """Commands run in this process must leave no search path behind."""
     with pytest.raises(Exception, match="cart"):
         compose("train", ["robot=cart"])

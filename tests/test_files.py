@@ -50,7 +50,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_file_is_replaced_and_nothing_else_stays(tmp_path, name):
+def test_file_is_replaced_without_leftovers(tmp_path, name):
     file = tmp_path / "deep" / "file.any"
     WRITERS[name](file)
     WRITERS[name](file)
@@ -59,7 +59,7 @@ def test_a_file_is_replaced_and_nothing_else_stays(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path, full_disk, name):
+def test_full_disk_preserves_and_names_the_old_file(tmp_path, full_disk, name):
     file = tmp_path / "file.any"
     file.write_text("old")
     with pytest.raises(OSError, match="No space left") as error:
@@ -72,7 +72,7 @@ def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path, full_disk, name)
     assert os.listdir(tmp_path) == ["file.any"]
 
 
-def test_any_other_error_leaves_the_old_file(tmp_path):
+def test_any_other_error_preserves_the_old_file(tmp_path):
     file = tmp_path / "file.any"
     file.write_text("old")
     with pytest.raises(TypeError), files.replacing(file) as stream:
@@ -81,7 +81,7 @@ def test_any_other_error_leaves_the_old_file(tmp_path):
     assert os.listdir(tmp_path) == ["file.any"]
 
 
-def test_a_killed_writer_leaves_the_old_file(tmp_path):
+def test_killed_writer_preserves_the_old_file(tmp_path):
     file = tmp_path / "file.any"
     file.write_text("old")
     code = (
@@ -96,7 +96,7 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
     assert file.read_text() == "old"
 
 
-def test_links_and_devices_stay_what_they_are(tmp_path):
+def test_links_and_devices_are_preserved(tmp_path):
     file, link = tmp_path / "file.txt", tmp_path / "link.txt"
     link.symlink_to(file)
     files.write_text(link, "text")
@@ -107,7 +107,7 @@ def test_links_and_devices_stay_what_they_are(tmp_path):
     assert not os.path.isfile(os.devnull)
 
 
-def test_permissions_are_those_of_any_new_file(tmp_path):
+def test_permissions_equal_those_of_a_new_file(tmp_path):
     (tmp_path / "usual").write_text("")
     files.write_text(tmp_path / "atomic", "")
     assert (tmp_path / "atomic").stat().st_mode == (tmp_path / "usual").stat().st_mode
@@ -133,7 +133,7 @@ def test_permissions_are_those_of_any_new_file(tmp_path):
         (None, ""),
     ],
 )
-def test_no_csv_cell_is_a_formula_and_numbers_stay(cell, shown):
+def test_csv_cells_are_no_formulas_and_numbers_are_unchanged(cell, shown):
     text = files.csv_text(["a", "b"], [{"a": cell, "b": 1}])
     assert list(csv.reader(io.StringIO(text, newline=""))) == [["a", "b"], [shown, "1"]]
 

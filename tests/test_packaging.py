@@ -30,7 +30,7 @@ def built(tmp_path_factory):
     return folder / wheel, folder / sdist
 
 
-def test_wheel_and_sdist_carry_all_of_conf(built):
+def test_wheel_and_sdist_contain_all_of_conf(built):
     wheel, sdist = built
     wanted = {str(p.relative_to(CONF_DIR)) for p in CONF_DIR.rglob("*.yaml")}
     with zipfile.ZipFile(wheel) as archive:
@@ -42,7 +42,7 @@ def test_wheel_and_sdist_carry_all_of_conf(built):
     assert {"README.md", "LICENSE", ".ci/run", "tests/test_packaging.py"} <= names
 
 
-def test_wheel_and_sdist_carry_every_module_and_the_type_marker(built):
+def test_wheel_and_sdist_contain_modules_and_type_marker(built):
     wheel, sdist = built
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "navrl").rglob("*.py")}
     with zipfile.ZipFile(wheel) as archive:
@@ -54,7 +54,7 @@ def test_wheel_and_sdist_carry_every_module_and_the_type_marker(built):
     assert modules | tests | project | {"navrl/py.typed"} <= names
 
 
-def test_the_wheels_command_finds_conf_from_elsewhere(built, tmp_path):
+def test_installed_command_finds_conf(built, tmp_path):
     """Unpacked alone, away from the clone: what is found can only come from the wheel."""
     with zipfile.ZipFile(built[0]) as archive:
         archive.extractall(tmp_path / "site")

@@ -6,7 +6,7 @@ import pytest
 from pages import PAGES, ROOT, blocks, files
 
 
-def test_the_first_screen_has_two_commands_that_set_themselves_up():
+def test_readme_begins_with_two_complete_commands():
     first, second = blocks(ROOT / "README.md", "bash")
     assert (ROOT / "README.md").read_text().index(second) < 2500
     for command in (first, second):

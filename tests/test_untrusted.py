@@ -23,7 +23,7 @@ def refused(reader, file, *words, **options):
     assert all(word in line for word in words), line
 
 
-def test_texts_are_read_as_they_were_written(tmp_path):
+def test_text_round_trips(tmp_path):
     (tmp_path / "a.json").write_text('{"b": [1, 2.5, null]}')
     (tmp_path / "a.yaml").write_text("b: [1, 2.5, null]")
     expected = {"b": [1, 2.5, None]}
@@ -58,7 +58,7 @@ def test_texts_are_read_as_they_were_written(tmp_path):
         (untrusted.read_arrays, b"PK\x03\x04"),
     ],
 )
-def test_what_is_damaged_is_named_in_one_line(tmp_path, reader, content):
+def test_damaged_file_is_named_in_one_line(tmp_path, reader, content):
     file = tmp_path / "file.any"
     file.write_bytes(content)
     refused(reader, file)
@@ -82,7 +82,7 @@ def test_sizes_are_bounded_and_pipes_do_not_block(tmp_path):
         assert not thread.is_alive()
 
 
-def test_arrays_are_read_as_they_were_written(tmp_path):
+def test_arrays_round_trip(tmp_path):
     arrays = {
         "real": np.random.default_rng(0).random((3, 4), dtype=np.float32),
         "columns_first": np.asfortranarray(np.arange(6).reshape(2, 3)),
@@ -98,7 +98,7 @@ def test_arrays_are_read_as_they_were_written(tmp_path):
             assert found[key].dtype == value.dtype and np.array_equal(found[key], value)
 
 
-def test_cut_or_flipped_arrays_are_refused(tmp_path):
+def test_damaged_arrays_are_rejected(tmp_path):
     file = tmp_path / "a.npz"
     np.savez_compressed(file, values=np.random.default_rng(0).random(500))
     content = file.read_bytes()
@@ -120,14 +120,14 @@ def header(shape, dtype="<f8"):
     return stream.getvalue()
 
 
-def test_a_shape_beyond_the_file_takes_no_memory(tmp_path):
+def test_shape_larger_than_the_file_allocates_no_memory(tmp_path):
     file = tmp_path / "a.npz"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("values.npy", header((10**13,)) + b"\0" * 80)
     refused(untrusted.read_arrays, file, "values.npy", "shape")
 
 
-def test_an_archive_that_unpacks_to_much_is_refused(tmp_path):
+def test_archive_that_unpacks_to_too_much_is_rejected(tmp_path):
     file = tmp_path / "a.npz"
     np.savez_compressed(file, values=np.zeros(200_000))
     assert file.stat().st_size < 5_000

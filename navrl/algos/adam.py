@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-_WAY_OF_STEPPING = ("fused", "foreach", "capturable")  # implementation options, not loaded
+_IMPLEMENTATION_OPTIONS = ("fused", "foreach", "capturable")  # implementation options, not loaded
 
 
 def adam_optimizer(
@@ -38,7 +38,7 @@ def set_learning_rate(group: dict, value: float) -> None:
 def load_adam(optimizer: torch.optim.Adam, state: dict) -> None:
     """Load an optimizer state saved by any Adam on any device; own settings are retained."""
     own = [
-        {name: group[name] for name in ("lr", *_WAY_OF_STEPPING)}
+        {name: group[name] for name in ("lr", *_IMPLEMENTATION_OPTIONS)}
         for group in optimizer.param_groups
     ]
     optimizer.load_state_dict(state)

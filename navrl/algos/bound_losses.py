@@ -4,7 +4,7 @@ TorchRL's losses swap each set of weights (online, detached, target) into a netw
 which takes a tenth of an update for the networks of navrl, and more with two critics. Weights only
 change in place, so one copy of the network per set, bound to its weights once, is equivalent.
 
-A critic with ``encode`` and ``judge`` (:class:`navrl.networks.CriticNetwork`) encodes an
+A critic with ``encode`` and ``q_value`` (:class:`navrl.networks.CriticNetwork`) encodes an
 observation once for both losses, because the actor's loss needs no gradient of the encoder.
 """
 
@@ -72,14 +72,14 @@ class BoundDDPGLoss(DDPGLoss):
         with torch.no_grad():
             following = tensordict.get("next")
             action = _call(target_actor, following)
-            next_value = _judge(target_critic, _encode(target_critic, following), action)
+            next_value = _q_value(target_critic, _encode(target_critic, following), action)
             target_value = self.value_estimator.value_estimate(tensordict, next_value=next_value)
         target_value = target_value.squeeze(-1)
         encoded = _encode(critic, tensordict)
-        value = _judge(critic, encoded, tensordict.get(ACTION)).squeeze(-1)
+        value = _q_value(critic, encoded, tensordict.get(ACTION)).squeeze(-1)
         loss_value = distance_loss(value, target_value, loss_function=self.loss_function)
         without_gradient = tuple(part.detach() for part in encoded)
-        policy_value = _judge(frozen_critic, without_gradient, _call(actor, tensordict))
+        policy_value = _q_value(frozen_critic, without_gradient, _call(actor, tensordict))
         td_error = (value - target_value).detach().square()
         tensordict.set(self.tensor_keys.priority, td_error)
         return TensorDict(
@@ -164,14 +164,14 @@ class BoundTD3Loss(TD3Loss):
             following = tensordict.get("next")
             next_action = _call(target_actor, following) + noise
             next_action = next_action.clamp(self.min_action, self.max_action)
-            next_values = [_judge(c, _encode(c, following), next_action) for c in targets]
+            next_values = [_q_value(c, _encode(c, following), next_action) for c in targets]
             next_value = torch.minimum(*next_values)
             target_value = self.value_estimator.value_estimate(tensordict, next_value=next_value)
         target_value = target_value.squeeze(-1)
         encoded = [_encode(critic, tensordict) for critic in (first, second)]
         values = torch.stack(
             [
-                _judge(critic, parts, action).squeeze(-1)
+                _q_value(critic, parts, action).squeeze(-1)
                 for critic, parts in zip((first, second), encoded, strict=True)
             ]
         )
@@ -187,7 +187,7 @@ class BoundTD3Loss(TD3Loss):
         }
         if with_actor:
             without_gradient = tuple(part.detach() for part in encoded[0])
-            policy_value = _judge(frozen, without_gradient, _call(actor, tensordict))
+            policy_value = _q_value(frozen, without_gradient, _call(actor, tensordict))
             terms["loss_actor"] = -policy_value.mean()
         return TensorDict(terms, [])
 
@@ -212,10 +212,11 @@ def _encode(critic: TensorDictModule, tensordict: TensorDictBase) -> tuple[Tenso
     return (network.encode(*inputs),) if hasattr(network, "encode") else tuple(inputs)
 
 
-def _judge(critic: TensorDictModule, encoded: tuple[Tensor, ...], action: Tensor) -> Tensor:
+def _q_value(critic: TensorDictModule, encoded: tuple[Tensor, ...], action: Tensor) -> Tensor:
     network = critic.module
-    if hasattr(network, "judge"):
-        return network.judge(action, *encoded)
+    if hasattr(network, "encode"):
+        value = network.q_value if hasattr(network, "q_value") else network.judge  # of navrl 0.1
+        return value(action, *encoded)
     index = critic.in_keys.index(ACTION)
     return network(*encoded[:index], action, *encoded[index:])
 

@@ -73,7 +73,7 @@ class CapturedUpdates:
         self._row = torch.zeros(1, dtype=torch.int64, device=self.device)  # of the next batch
         self._seen = torch.zeros((), pin_memory=self._on_cuda)  # host copy of the flag
         self._event: torch.cuda.Event | None = None  # end of the current copy of the flag
-        self._is_told = False
+        self._is_reported = False
         self.reset()
 
     def reset(self) -> None:
@@ -87,7 +87,7 @@ class CapturedUpdates:
 
     @property
     def is_recorded(self) -> bool:
-        """Whether updates are replayed from a recording."""
+        """Return whether updates are replayed from a recording."""
         return bool(self._graphs)
 
     def __call__(
@@ -113,6 +113,7 @@ class CapturedUpdates:
                 self._launch(self._due())
                 after_each()
         self._look()
+        assert self._sums is not None  # there is at least one batch
         return dict(zip(self._names, self._sums.clone().unbind(), strict=True))
 
     def failure(self, wait: bool = False) -> tuple[dict[str, Tensor], TensorDictBase] | None:
@@ -126,9 +127,10 @@ class CapturedUpdates:
             self._seen.copy_(self._failed)
         elif self._event is not None and not self._event.query():
             return None
-        if self._is_told or not bool(self._seen):
+        if self._is_reported or not bool(self._seen):
             return None
-        self._is_told = True
+        self._is_reported = True
+        assert self._scalars is not None
         return dict(zip(self._names, self._scalars.unbind(), strict=True)), self._batch()
 
     def _launch(self, move: Move) -> None:
@@ -153,12 +155,13 @@ class CapturedUpdates:
         def chosen(rows: Tensor) -> Tensor:
             return rows.index_select(0, self._row).squeeze(0)
 
+        assert self._batches is not None  # see _take
         return self._batches.apply(chosen, batch_size=self._batches.shape[1:])
 
     def _update(self, move: Move) -> None:
         scalars = self._gradients(self._batch())
         values = torch.stack(list(scalars.values()))
-        if self._scalars is None:
+        if self._scalars is None or self._sums is None:
             self._names, self._scalars = list(scalars), values.clone()
             self._sums = torch.zeros_like(values)
         torch.where(self._failed > 0, self._scalars, values, out=self._scalars)

@@ -188,7 +188,7 @@ class DDPG:
             NonFiniteUpdateError: If a scalar is NaN or infinite; the remaining steps are not taken.
         """
         if self._captured is not None:
-            self._check_captured()
+            self._check_captured(self._captured)
             return self._captured(batches, after_each=self._count)
         sums: dict[str, Tensor] = {}
         for batch in batches.unbind(0):
@@ -203,8 +203,8 @@ class DDPG:
     def _count(self) -> None:
         """Count an update that has been launched."""
 
-    def _check_captured(self, wait: bool = False) -> None:
-        failure = self._captured.failure(wait)
+    def _check_captured(self, captured: CapturedUpdates, wait: bool = False) -> None:
+        failure = captured.failure(wait)
         if failure is not None:
             raise NonFiniteUpdateError(*failure)
 
@@ -246,7 +246,7 @@ class DDPG:
                 reported yet.
         """
         if self._captured is not None:
-            self._check_captured(wait=True)
+            self._check_captured(self._captured, wait=True)
         return {
             "loss": self.loss.state_dict(),
             "actor_optimizer": self.actor_optimizer.state_dict(),

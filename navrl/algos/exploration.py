@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from navrl import keys
+from navrl.deprecation import warn
 
 
 class GaussianExploration:
@@ -50,6 +51,12 @@ class GaussianExploration:
         self.sigma_initial, self.sigma_final = sigma_initial, sigma_final
         self.annealing_frames = annealing_frames
         self._std = torch.tensor(deviations, dtype=torch.float32)
+
+    @property
+    def action_size(self) -> int:
+        """Deprecated: the size of the action is that of the action itself."""
+        warn("GaussianExploration.action_size", "use the size of the action")
+        return len(self._std)
 
     def sigma(self, frames: int) -> float:
         """Return the noise scale after ``frames`` environment steps."""

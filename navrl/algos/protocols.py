@@ -1,4 +1,7 @@
-"""What the trainer calls of an algorithm and of exploration; any class with these members fits."""
+"""Protocols of learning algorithms and of exploration.
+
+They contain the members that the trainer uses; any class with these members fits.
+"""
 
 from __future__ import annotations
 
@@ -45,12 +48,14 @@ class Algorithm(Protocol):
         Raises:
             NonFiniteUpdateError: If an update is not finite; no weight has changed then.
         """
+        ...
 
     def anneal(self, share_done: float) -> None:
         """Set what depends on the share of the training that is done, in [0, 1]."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that :meth:`load_state_dict` needs to continue bit for bit."""
+        ...
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, on this device."""
@@ -61,9 +66,11 @@ class Exploration(Protocol):
 
     def sigma(self, frames: int) -> float:
         """Return the noise scale after ``frames`` environment steps, for the log."""
+        ...
 
     def __call__(self, tensordict: TensorDictBase, frames: int) -> TensorDictBase:
         """Change ``action [N, C]`` in [-1, 1] in place, unless exploring is off."""
+        ...
 
 
 def check_protocol(name: str, built: object, protocol: type) -> None:

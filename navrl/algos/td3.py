@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -44,7 +45,7 @@ class TD3(DDPG):
         target_noise: float = 0.2,
         target_noise_clip: float = 0.5,
         actor_delay: int = 2,
-        **options: object,
+        **options: Any,
     ) -> None:
         if min(target_noise, target_noise_clip) < 0 or actor_delay < 1:
             raise ValueError(

@@ -67,11 +67,11 @@ def frame_rates(
 
 
 def _collect(
-    collector: Collector, replay: Replay, least_s: float, frames: int
+    collector: Collector, replay: Replay, min_s: float, frames: int
 ) -> tuple[int, float, float]:
     """Return frames, seconds, and the part of the seconds spent waiting."""
     phases, count, start = Phases(), 0, time.perf_counter()
-    while (seconds := time.perf_counter() - start) < least_s or not count:
+    while (seconds := time.perf_counter() - start) < min_s or not count:
         stream, stepped = collector.step(frames + count, phases)
         replay.extend(stepped, stream)
         count += stepped.numel()

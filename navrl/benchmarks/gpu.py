@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -19,7 +19,7 @@ from navrl.benchmarks.stepping import RandomDrive
 from navrl.sim import Simulator
 
 NUM_UNMEASURED = 5  # warm-up updates, which include the recording of CUDA graphs
-AT_A_TIME = 64  # updates per call, as in a training
+UPDATES_PER_CALL = 64  # updates per call, as in a training
 NUM_ROOMS = 64  # distinct rooms; further worlds repeat them
 EPISODES, STEPS_PER_EPISODE = 300_000, 90  # paper Sec. V-A; average length of an episode
 
@@ -29,7 +29,7 @@ def gpu_rows(
     env: TransformedEnv,
     learners: Mapping[str, DDPG],
     batch: TensorDictBase,
-    frames_per_s: np.ndarray,
+    frames_per_s: Sequence[float] | np.ndarray,
     budget: Budget,
 ) -> list[Row]:
     """Measure a GPU; closes the environment.
@@ -48,7 +48,9 @@ def gpu_rows(
         for _ in range(NUM_UNMEASURED):
             learner.update(batch)
     tasks = {"scans": scan_task(simulator, rooms), "steps": Task(RandomDrive(env))}
-    tasks |= {name: update_task(learner, batch, 1, AT_A_TIME) for name, learner in learners.items()}
+    tasks |= {
+        name: update_task(learner, batch, 1, UPDATES_PER_CALL) for name, learner in learners.items()
+    }
     rates = alternate(tasks, budget)
     env.close()
     what = f"{simulator.num_worlds:,} worlds on the GPU"

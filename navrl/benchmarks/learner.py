@@ -76,17 +76,19 @@ class _OneModule:
         return None
 
 
-def update_task(learner: DDPG, batch: TensorDictBase, num_threads: int, at_a_time: int = 1) -> Task:
-    """Return a task whose unit is one update, with ``at_a_time`` updates per call."""
-    batches = batch.expand(at_a_time, *batch.shape)
+def update_task(
+    learner: DDPG, batch: TensorDictBase, num_threads: int, updates_per_call: int = 1
+) -> Task:
+    """Return a task whose unit is one update, with ``updates_per_call`` updates per call."""
+    batches = batch.expand(updates_per_call, *batch.shape)
 
     def update() -> int:
-        if at_a_time == 1:
+        if updates_per_call == 1:
             learner.update(batch)
         else:
             learner.update_from_each(batches)
         _wait(batch.device)
-        return at_a_time
+        return updates_per_call
 
     return Task(update, num_threads)
 

@@ -25,7 +25,7 @@ def perception_rows(
         variants: ICP and TAGD transforms by name.
         budget: Duration and number of measurements.
     """
-    scans = scans_of_a_drive(env)
+    scans = record_scans(env)
     tasks = {name: Task(_work(scans, *pair)) for name, pair in variants.items()}
     rates = alternate(tasks, budget)
     return [
@@ -34,7 +34,7 @@ def perception_rows(
     ]
 
 
-def scans_of_a_drive(env: TransformedEnv) -> TensorDictBase:
+def record_scans(env: TransformedEnv) -> TensorDictBase:
     """Return the transforms' inputs after some random steps."""
     drive = RandomDrive(env)
     for _ in range(_NUM_STEPS):

@@ -29,23 +29,23 @@ class Bar:
 
     Args:
         limit: Limit in the unit of the row.
-        is_least: Whether the limit is a lower bound; otherwise it is an upper bound.
+        is_lower_bound: Whether the limit is a lower bound; otherwise it is an upper bound.
     """
 
     limit: float
-    is_least: bool = True
+    is_lower_bound: bool = True
 
     def is_met_by(self, value: float) -> bool:
         """Return whether ``value`` reaches the bar."""
-        return value >= self.limit if self.is_least else value <= self.limit
+        return value >= self.limit if self.is_lower_bound else value <= self.limit
 
     def __str__(self) -> str:
-        return f"{'≥' if self.is_least else '≤'} {number(self.limit)}"
+        return f"{'≥' if self.is_lower_bound else '≤'} {number(self.limit)}"
 
 
 def at_most(limit: float) -> Bar:
     """Return a target with an upper bound."""
-    return Bar(limit, is_least=False)
+    return Bar(limit, is_lower_bound=False)
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Row:
     Args:
         key: Unique name, for programs.
         label: Display name.
-        unit: Of the values.
-        values: One a repeat.
-        bar: What the median should reach, or ``None``.
+        unit: Unit of the values.
+        values: One value for each repetition.
+        bar: Limit of the median, or ``None``.
 
     Raises:
         ValueError: If there are no values, or one is not finite.
@@ -66,7 +66,7 @@ class Row:
     key: str
     label: str
     unit: str
-    values: Sequence[float]
+    values: Sequence[float] | np.ndarray
     bar: Bar | None = None
 
     def __post_init__(self) -> None:
@@ -97,7 +97,11 @@ class Row:
 
     def to_dict(self) -> dict:
         """Return plain data."""
-        bar = None if self.bar is None else {"limit": self.bar.limit, "least": self.bar.is_least}
+        bar = (
+            None
+            if self.bar is None
+            else {"limit": self.bar.limit, "least": self.bar.is_lower_bound}
+        )
         return {
             "key": self.key,
             "label": self.label,
@@ -162,7 +166,7 @@ class Report:
     """Report of one run of the benchmark.
 
     Args:
-        machine: Where it ran.
+        machine: Description of the computer.
         rows: In the order of the table.
         series: Growth of costs; each has its row too.
         skipped: Skipped rows with reasons.

@@ -127,19 +127,19 @@ class StepWorkers:
             pool.shutdown()
 
 
-_drive_of_this_worker: RandomDrive | None = None
+_worker_drive: RandomDrive | None = None
 
 
 def _start_worker(make: MakeEnv, num_worlds: int) -> None:
-    global _drive_of_this_worker
+    global _worker_drive
     torch.set_num_threads(1)
-    _drive_of_this_worker = RandomDrive(make(num_worlds))
+    _worker_drive = RandomDrive(make(num_worlds))
     gc.collect()
     gc.freeze()
 
 
 def _step_worker(count: int) -> int:
-    return sum(_drive_of_this_worker() for _ in range(count))
+    return sum(_worker_drive() for _ in range(count))
 
 
 def worlds_series(make: MakeEnv, worlds: Sequence[int], budget: Budget) -> Series:

@@ -10,11 +10,11 @@ from navrl import __version__
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Parser whose help opens with what the command does, and whose errors are one line.
+    """Parser whose help begins with the command's purpose and whose errors are one line.
 
     Args:
-        name: Of the command.
-        about: What it does, a sentence without its end.
+        name: Name of the command.
+        about: Its purpose, one sentence without a period.
         example: A command line.
     """
 

@@ -42,7 +42,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
         def main() -> None:
             os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us, not a printed page
             with _ErrorLine(config_name):
-                if not _answered(config_name, sys.argv[1:]):
+                if not _is_help_shown(config_name, sys.argv[1:]):
                     run(checked)()
 
         return main
@@ -50,7 +50,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
     return decorate
 
 
-def _answered(config_name: str, words: list[str]) -> bool:
+def _is_help_shown(config_name: str, words: list[str]) -> bool:
     """Print help or version if the command line asks for it; return whether it did."""
     if "--help" in words or "-h" in words:
         print(help_text(config_name))

@@ -77,7 +77,7 @@ class PolicyRunner:
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         self.limits = SafetyLimits() if limits is None else limits
         self.state: DriveState | None = None
-        senses = TransformedEnv(_Senses(lidar, robot), transforms.clone())
+        senses = TransformedEnv(_SensorEnv(lidar, robot), transforms.clone())
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
         self._env, self._transform = senses, senses.transform
@@ -101,8 +101,8 @@ class PolicyRunner:
             BundleError: If the bundle is damaged or not allowed.
         """
         bundle = load_bundle(folder, allow)
-        parts = (bundle.build(part) for part in ("lidar", "robot"))
-        return cls(bundle.build("transforms"), bundle.actor, *parts, limits)
+        transforms, lidar, robot = map(bundle.build, ("transforms", "lidar", "robot"))
+        return cls(transforms, bundle.actor, lidar, robot, limits)
 
     def reset(self) -> None:
         """Clear the scan history: the next scan is the first of a new drive."""
@@ -135,7 +135,7 @@ class PolicyRunner:
         self.state = None  # until a decision is made
         sensed = self._checked(ranges, pose, path)
         command, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
-        if self.state is DriveState.DRIVE:
+        if command is not None and self.state is DriveState.DRIVE:
             return command
         if self._past is not None:  # controllers read the action that was driven, which is a stop
             self._past = self._past.copy().set(keys.ACTION, self._stop.clone())
@@ -153,7 +153,7 @@ class PolicyRunner:
             now = self._transform._step(self._past, sensed)
             now.set(keys.ACTION, self._past.get(keys.ACTION))  # controllers read their last action
         action = self._act(now)
-        command = self._transform.inv(now.copy().set(keys.ACTION, action))[keys.ACTION]
+        command = self._transform.inv(now.copy().set(keys.ACTION, action)).get(keys.ACTION)
         command = safe_command(command[0].numpy(), self._robot)
         if command is None:
             return None, DriveState.BAD_COMMAND
@@ -165,9 +165,8 @@ class PolicyRunner:
         seen = self._scan_check.state(_single(ranges))
         if seen is DriveState.BLIND:
             return seen
-        place = path_state(
-            *(np.asarray(value, dtype=np.float64) for value in (pose, path)), self.limits
-        )
+        pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
+        place = path_state(pose, path, self.limits)
         return seen if place is DriveState.DRIVE else place
 
     def _act(self, now: TensorDictBase) -> Tensor:
@@ -204,19 +203,20 @@ def _single(values: ArrayLike) -> np.ndarray:
         return np.asarray(values, dtype=np.float32)
 
 
-class _Senses(EnvBase):
+class _SensorEnv(EnvBase):
     """Observation and action specs of a robot for the transforms; it is never stepped."""
 
     def __init__(self, lidar: Lidar, robot: RobotModel) -> None:
-        super().__init__(batch_size=[1])
+        super().__init__(batch_size=torch.Size([1]))
         observation = {
-            keys.RANGES: Bounded(0.0, lidar.max_range, shape=(1, lidar.num_beams)),
-            keys.POSE: Unbounded((1, 3), dtype=torch.float64),
-            keys.PATH: Unbounded((1, MAX_PATH_POINTS, 2), dtype=torch.float64),
+            keys.RANGES: Bounded(0.0, lidar.max_range, shape=torch.Size((1, lidar.num_beams))),
+            keys.POSE: Unbounded(torch.Size((1, 3)), dtype=torch.float64),
+            keys.PATH: Unbounded(torch.Size((1, MAX_PATH_POINTS, 2)), dtype=torch.float64),
         }
         self.observation_spec = Composite(observation, shape=(1,))
-        self.action_spec = Bounded(*(bound.unsqueeze(0) for bound in robot.bounds()))
-        self.reward_spec = Unbounded((1, 1))
+        low, high = robot.bounds()
+        self.action_spec = Bounded(low.unsqueeze(0), high.unsqueeze(0))
+        self.reward_spec = Unbounded(torch.Size((1, 1)))
 
     def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
         raise NotImplementedError("a robot is not reset")

@@ -30,6 +30,7 @@ class Renderer(Protocol):
 
     def frame(self) -> np.ndarray:
         """Return an image of the current step, ``[H, W, 3]`` uint8, of constant size."""
+        ...
 
 
 class GymnasiumNavigation(gymnasium.Env):
@@ -85,8 +86,8 @@ class GymnasiumNavigation(gymnasium.Env):
                 keys.PATH: spaces.Box(-np.inf, np.inf, (points, 2), np.float32),
             }
         )
-        limits = env.action_spec_unbatched.space
-        self.action_space = spaces.Box(limits.low.numpy(), limits.high.numpy(), dtype=np.float32)
+        low, high = env.simulator.robot.bounds(env.device)
+        self.action_space = spaces.Box(low.numpy(), high.numpy(), dtype=np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -160,13 +161,13 @@ class GymnasiumNavigation(gymnasium.Env):
 
     @staticmethod
     def _split(tensordict: TensorDictBase) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        observation = {key: tensordict[key][0].numpy().copy() for key in OBSERVED}
+        observation = {key: tensordict.get(key)[0].numpy().copy() for key in OBSERVED}
         outcome = np.int64(tensordict[keys.OUTCOME].item())
         # An array, since gymnasium's vector environments stack NumPy's scalar bool as objects.
         info: dict[str, Any] = {
             "outcome": outcome,
             "is_success": np.array(outcome == Outcome.SUCCESS),
         }
-        terms = tensordict[keys.REWARD_TERMS].items()
+        terms = tensordict.get(keys.REWARD_TERMS).items()
         info.update({f"reward_{name}": np.float32(value.item()) for name, value in terms})
         return observation, info

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -90,7 +91,7 @@ class NavigationEnv(EnvBase):
             raise ValueError(
                 f"goal_radius={goal_radius}, time_limit_steps={time_limit_steps}: must be > 0"
             )
-        super().__init__(device=simulator.device, batch_size=[simulator.num_worlds])
+        super().__init__(device=simulator.device, batch_size=torch.Size([simulator.num_worlds]))
         self.is_closed = False  # TorchRL's initial value is True, so close() would do nothing
         self.simulator = simulator
         self.scenarios = scenarios if scenarios is None else scenarios.to(self.device)
@@ -143,29 +144,32 @@ class NavigationEnv(EnvBase):
     def _make_specs(self) -> None:
         n, device = self.simulator.num_worlds, self.device
         lidar, robot = self.simulator.lidar, self.simulator.robot
+        rows, single = torch.Size([n]), torch.Size([n, 1])
         codes = {"dtype": torch.int64, "device": device}
         observation = {
-            keys.RANGES: Bounded(0.0, lidar.max_range, shape=(n, lidar.num_beams), device=device),
-            keys.POSE: Unbounded((n, 3), device=device),
-            keys.PATH: Unbounded((n, MAX_PATH_POINTS, 2), device=device),
-            keys.OUTCOME: Categorical(len(Outcome), shape=(n, 1), **codes),
-            keys.CONTACT: Categorical(len(Contact), shape=(n, 1), **codes),
+            keys.RANGES: Bounded(
+                0.0, lidar.max_range, shape=torch.Size((n, lidar.num_beams)), device=device
+            ),
+            keys.POSE: Unbounded(torch.Size((n, 3)), device=device),
+            keys.PATH: Unbounded(torch.Size((n, MAX_PATH_POINTS, 2)), device=device),
+            keys.OUTCOME: Categorical(len(Outcome), shape=single, **codes),
+            keys.CONTACT: Categorical(len(Contact), shape=single, **codes),
             keys.REWARD_TERMS: Composite(
-                {name: Unbounded((n, 1), device=device) for name in self.rewards}, shape=(n,)
+                {name: Unbounded(single, device=device) for name in self.rewards}, shape=rows
             ),
         }
         if self.privileged:
             k = self.simulator.max_pedestrians
-            observation[keys.PEDESTRIAN_BOXES] = Unbounded((n, k, 5), device=device)
-            observation[keys.PEDESTRIAN_CLEARANCE] = Unbounded((n, 1), device=device)
-        self.observation_spec = Composite(observation, shape=(n,), device=device)
+            observation[keys.PEDESTRIAN_BOXES] = Unbounded(torch.Size((n, k, 5)), device=device)
+            observation[keys.PEDESTRIAN_CLEARANCE] = Unbounded(single, device=device)
+        self.observation_spec = Composite(observation, shape=rows, device=device)
         low, high = (bound.expand(n, -1).contiguous() for bound in robot.bounds(device))
         self.action_spec = Bounded(low, high, device=device)
-        self.reward_spec = Unbounded((n, 1), device=device)
+        self.reward_spec = Unbounded(single, device=device)
         done = {"dtype": torch.bool, "device": device}
         self.full_done_spec = Composite(
-            {key: Binary(1, (n, 1), **done) for key in ("done", "terminated", "truncated")},
-            shape=(n,),
+            {key: Binary(1, single, **done) for key in ("done", "terminated", "truncated")},
+            shape=rows,
             device=device,
         )
 
@@ -175,7 +179,7 @@ class NavigationEnv(EnvBase):
         else:
             self._generator.manual_seed(seed)
 
-    def episode_state(self) -> dict[str, Tensor | dict[str, Tensor]]:
+    def episode_state(self) -> dict[str, Any]:
         """Return the state from which an environment continues bit for bit."""
         return {
             "simulator": self.simulator.state_dict(),
@@ -184,7 +188,7 @@ class NavigationEnv(EnvBase):
             **{name: getattr(self, name).clone() for name in _STATE},
         }
 
-    def load_episode_state(self, state: Mapping[str, Tensor | dict[str, Tensor]]) -> None:
+    def load_episode_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`episode_state` returned."""
         self.simulator.load_state_dict(state["simulator"])
         self._generator.set_state(state["generator"])

@@ -49,7 +49,7 @@ def classify(
     outcome = torch.full_like(contact, Outcome.RUNNING, dtype=torch.int64)
     outcome[timed_out] = Outcome.TIMEOUT
     outcome[goal_distance <= goal_radius] = Outcome.SUCCESS
-    outcome[(contact == Contact.PEDESTRIAN) | (contact == Contact.RUN_INTO)] = (
+    outcome[(contact == Contact.PEDESTRIAN) | (contact == Contact.HIT_BY_PEDESTRIAN)] = (
         Outcome.COLLISION_PEDESTRIAN
     )
     outcome[contact == Contact.STATIC] = Outcome.COLLISION_STATIC

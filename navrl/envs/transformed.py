@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
+
+from navrl.envs.navigation import NavigationEnv
 
 
 class TransformedNavigationEnv(TransformedEnv):
@@ -31,3 +35,8 @@ class TransformedNavigationEnv(TransformedEnv):
         fresh = self.base_env._reset(rows, **kwargs)
         self.base_env._complete_done(self.base_env.full_done_spec, fresh)
         return self.transform._reset(self._present.copy(), fresh)
+
+
+def base_env(env: TransformedEnv) -> NavigationEnv:
+    """Return the navigation environment below the transforms."""
+    return cast(NavigationEnv, env.base_env)

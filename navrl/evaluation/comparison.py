@@ -8,6 +8,7 @@ from pathlib import Path
 
 import yaml
 
+from navrl.deprecation import warn
 from navrl.evaluation.pairing import (
     COLLISIONS,
     MetricComparison,
@@ -50,7 +51,7 @@ class ComparisonRow:
         metrics: Every other metric, with intervals and paired differences.
         published: The paper's figures: rates in [0, 1] and ``time`` in s; empty if there are none,
             or if the episodes are not frozen.
-        cheats: Whether the policy is privileged (reads the true state).
+        is_privileged: Whether the policy is privileged (reads the true state).
         folder: Folder of the evaluation.
     """
 
@@ -67,8 +68,14 @@ class ComparisonRow:
     p_holm: float | None
     metrics: Sequence[MetricComparison]
     published: Mapping[str, float]
-    cheats: bool
+    is_privileged: bool
     folder: str
+
+    @property
+    def cheats(self) -> bool:
+        """Deprecated name of :attr:`is_privileged`."""
+        warn("ComparisonRow.cheats", "use is_privileged")
+        return self.is_privileged
 
 
 @dataclass(frozen=True)
@@ -255,7 +262,7 @@ def _row(
         p_holm=None,  # computed for the whole table
         metrics=metrics,
         published=published.get(split_seed(label)[0], {}),
-        cheats=is_privileged(evaluation),
+        is_privileged=is_privileged(evaluation),
         folder=str(evaluation.folder),
     )
 
@@ -275,7 +282,7 @@ def _labelled(
 
 def _lead(rows: Sequence[ComparisonRow], by_label: Mapping[str, Evaluation]) -> Lead | None:
     """Compare the first non-privileged one of sorted rows with the next of another approach."""
-    fair = [row.policy for row in rows if not row.cheats]
+    fair = [row.policy for row in rows if not row.is_privileged]
     others = [name for name in fair if split_seed(name)[0] != split_seed(fair[0])[0]]
     if not others:
         return None

@@ -26,7 +26,7 @@ COMPARABLE = (
     *(m.name for m in METRICS if m.compared),
     *(f"latency_{name}" for name in _LATENCIES),
 )
-"""navrl's metrics in comparisons; success, collision and timeout are compared apart."""
+"""navrl's metrics in comparisons; success, collision and timeout have their own columns."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ def finished_by_all(evaluations: Sequence[Evaluation]) -> set[int]:
         ValueError: If they did not play the same episodes.
     """
     check_same_episodes(evaluations)
-    won = [{index for index, ok in e.success.items() if ok} for e in evaluations]
-    return set.intersection(*filter(None, won)) if any(won) else set()
+    succeeded = [{index for index, ok in e.success.items() if ok} for e in evaluations]
+    return set.intersection(*filter(None, succeeded)) if any(succeeded) else set()
 
 
 def compare_metrics(
@@ -135,9 +135,9 @@ def _compare(
 ) -> MetricComparison:
     own, difference = _values(metric, evaluation), None
     if reference is not None:
-        theirs = _values(metric, reference)
-        both = sorted(own.keys() & theirs.keys())
-        difference = paired_difference([own[i] for i in both], [theirs[i] for i in both])
+        reference_values = _values(metric, reference)
+        both = sorted(own.keys() & reference_values.keys())
+        difference = paired_difference([own[i] for i in both], [reference_values[i] for i in both])
     estimate = _rate if metric.is_rate else bootstrap_mean
     common = [] if metric.name in COLLISIONS else [own[i] for i in sorted(finished & own.keys())]
     return MetricComparison(

@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.envs.transformed import base_env
 from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
 from navrl.evaluation.rollout import ERROR, EpisodeRecord, evaluate
 from navrl.worlds import Scenario, ScenarioBatch
@@ -36,7 +37,7 @@ class EpisodeRecorder:
 
     def __call__(self, stepped: TensorDictBase) -> None:
         """Add a batch of transitions."""
-        after = stepped["next"]
+        after = stepped.get("next")
         if not self._observed:
             self._observed.append(_copies(stepped, OBSERVED))
         self._observed.append(_copies(after, OBSERVED))
@@ -45,7 +46,7 @@ class EpisodeRecorder:
         attention = [name for name in DECIDED if name != keys.ACTION]
         decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
         self._decided.append(decided)
-        terms = after[keys.REWARD_TERMS]
+        terms = after.get(keys.REWARD_TERMS)
         self._terms.append(_copies(terms, terms.keys()))
         self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
 
@@ -69,7 +70,7 @@ class EpisodeRecorder:
         return Recording.of_episode(
             scenario,
             record.outcome,
-            self._env.base_env,
+            base_env(self._env),
             reward_terms=terms,
             contact=self._contact[steps - 1][row].item(),  # later rows belong to other contacts
             **_series(self._observed[: steps + 1], row),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,7 @@ class Recording:
 
     @classmethod
     def of_episode(
-        cls, scenario: Scenario, outcome: str, env: NavigationEnv, **series: object
+        cls, scenario: Scenario, outcome: str, env: NavigationEnv, **series: Any
     ) -> Recording:
         """Build from a scenario, ``env``'s robot and lidar, and time series.
 
@@ -228,7 +229,9 @@ class Recording:
         unknown = stored.keys() - names
         if missing or unknown:
             raise ValueError(f"missing {sorted(missing)}, unknown {sorted(unknown)}")
-        plain = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
+        plain: dict[str, Any] = {
+            name: value.item() if value.ndim == 0 else value for name, value in stored.items()
+        }
         check_plain(plain)
         check_finite({**plain, **{TERM + name: term for name, term in terms.items()}})
         return cls(**plain, reward_terms=terms)

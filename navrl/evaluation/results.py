@@ -30,7 +30,7 @@ _COLUMNS = (
     "time_s",
     "path_length_m",
     "min_pedestrian_distance_m",
-    "run_into",
+    "hit_by_pedestrian",
     "solved",
     "noise_seed",
     "num_dynamic",
@@ -150,10 +150,10 @@ def write_results(
     """Write ``episodes.csv`` and then ``summary.json`` into ``folder``.
 
     Args:
-        folder: Of the evaluation.
-        records: Every episode.
-        summary: What :func:`summarize` returned.
-        metrics: What was measured of each episode.
+        folder: Folder of the evaluation.
+        records: Records of all episodes.
+        summary: Result of :func:`summarize`.
+        metrics: Metrics measured in each episode.
 
     Returns:
         The written summary, with ``episodes_hash``, the SHA-256 of ``episodes.csv``.
@@ -187,7 +187,7 @@ def _rates(records: Sequence[EpisodeRecord]) -> dict:
     result["errors"] = count[ERROR]
     times = [r.time_s for r in records if r.outcome == "success"]
     result["successes"] = count["success"]
-    result["run_into"] = sum(r.run_into for r in records)
+    result["hit_by_pedestrian"] = sum(r.hit_by_pedestrian for r in records)
     if any(r.solved is not None for r in records):
         result["solved"] = sum(bool(r.solved) for r in records)
     result["navigation_time_s"] = round(sum(times) / len(times), 4) if times else None

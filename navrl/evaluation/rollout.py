@@ -17,6 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from navrl import keys
 from navrl.envs import Outcome
+from navrl.envs.transformed import base_env
 from navrl.evaluation.metrics import METRICS, Metric, Trajectory, measure
 from navrl.evaluation.series import Series
 from navrl.ops.kernels.threads import torch_on_one_thread
@@ -40,9 +41,11 @@ class Preparing(Protocol):
             ``[N]`` bool, whether the policy has a plan for the episode, or ``None`` if it does not
             plan episodes.
         """
+        ...
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write a normalized action."""
+        ...
 
 
 class Recorder(Protocol):
@@ -71,7 +74,7 @@ class EpisodeRecord:
         time_s: Duration, s.
         path_length_m: Driven distance, m.
         min_pedestrian_distance_m: Minimum distance to a pedestrian, surface to surface, m.
-        run_into: Whether a pedestrian moved into the robot.
+        hit_by_pedestrian: Whether a pedestrian moved into the robot.
         error: Traceback, if the episode raised an exception.
         solved: Whether the policy had a plan; ``None`` if it does not plan episodes.
         noise_seed: Seed of the lidar's noise.
@@ -88,7 +91,7 @@ class EpisodeRecord:
     time_s: float
     path_length_m: float
     min_pedestrian_distance_m: float
-    run_into: bool = False
+    hit_by_pedestrian: bool = False
     error: str = ""
     solved: bool | None = None
     noise_seed: int = 0
@@ -130,17 +133,17 @@ def evaluate(
     Raises:
         ValueError: If the policy needs to know where pedestrians will walk, and they react.
     """
-    check_known_future(policy, env.base_env.simulator)
+    check_known_future(policy, base_env(env).simulator)
     records: list[EpisodeRecord] = []
     chunks = side_by_side(len(scenarios), env.batch_size.numel()) if chunks is None else chunks
-    before = env.base_env.set_scenarios(None)
+    before = base_env(env).set_scenarios(None)
     try:
         for chunk in chunks:
             records += _play_chunk(env, policy, scenarios, chunk, on_step, recorder, metrics)
             if on_chunk is not None:
                 on_chunk(len(chunk))
     finally:
-        env.base_env.set_scenarios(before)
+        base_env(env).set_scenarios(before)
     return records
 
 
@@ -208,7 +211,7 @@ def _play(
     batch: ScenarioBatch,
     watchers: Sequence[Callable[[TensorDictBase], None]],
 ) -> tuple[Series, Tensor | None]:
-    env.base_env.set_scenarios(batch)
+    base_env(env).set_scenarios(batch)
     solved = policy.prepare(batch) if hasattr(policy, "prepare") else None
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         with torch_on_one_thread():
@@ -222,7 +225,7 @@ def _play(
             for watcher in watchers:
                 watcher(stepped)
             series.add(stepped)
-            env.base_env.simulator.rest(~series.running)
+            base_env(env).simulator.skip(~series.running)
             carrier = step_mdp(stepped, exclude_action=False)  # controllers read their last action
     return series, solved
 
@@ -253,7 +256,7 @@ def _record(
         time_s=steps * trajectory.time_step_s,
         path_length_m=values["path_length_m"],
         min_pedestrian_distance_m=values["min_pedestrian_distance_m"],
-        run_into=int(trajectory.contact[row]) == Contact.RUN_INTO,
+        hit_by_pedestrian=int(trajectory.contact[row]) == Contact.HIT_BY_PEDESTRIAN,
         solved=None if solved is None else bool(solved[row]),
         metrics=values,
         **_setting(batch, row),
@@ -276,13 +279,13 @@ def _failed(batch: ScenarioBatch, index: int, error: str) -> EpisodeRecord:
 
 def _setting(batch: ScenarioBatch, row: int) -> dict:
     """Return the properties of the scenario in ``row``."""
-    present, standing = batch.ped_present[row], batch.ped_static[row]
-    speeds = batch.ped_speed[row][present & ~standing]
+    present, static = batch.ped_present[row], batch.ped_static[row]
+    speeds = batch.ped_speed[row][present & ~static]
     return {
         "scenario": batch.kind_of(row),
         "noise_seed": int(batch.noise_seed[row]),
         "num_dynamic": len(speeds),
-        "num_static": int((present & standing).sum()),
+        "num_static": int((present & static).sum()),
         "pedestrian_speed_mps": float(speeds.mean()) if len(speeds) else None,
     }
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from navrl import keys
 
-_MOST = np.iinfo(np.int16).max
+_MAX_STEPS = np.iinfo(np.int16).max
 _MARK = "@"  # between a name and its step
 _STEPS = {
     **dict.fromkeys(
@@ -19,16 +20,16 @@ _STEPS = {
 }
 
 
-def rounded(values: Mapping[str, object]) -> dict[str, object]:
+def rounded(values: Mapping[str, Any]) -> dict[str, Any]:
     """Replace roundable arrays by int16 multiples of a step, named ``name@step``.
 
     Lengths in the robot's frame are rounded to 0.1 mm, a hundredth of the lidar's noise, attention
     to 2.5e-5. An array with values beyond 16 bits is not changed.
     """
-    result: dict[str, object] = {}
+    result: dict[str, Any] = {}
     for name, value in values.items():
         step = _STEPS.get(name)
-        if step is None or not (np.abs(value) <= _MOST * step).all():
+        if step is None or not (np.abs(value) <= _MAX_STEPS * step).all():
             result[name] = value
         else:
             result[f"{name}{_MARK}{step}"] = np.rint(value.astype(np.float64) / step).astype("<i2")

@@ -99,8 +99,8 @@ def _summary(approach: str, by_seed: Mapping[int, Evaluation]) -> SeedSummary:
     seeds = tuple(sorted(by_seed))
     runs = [by_seed[seed] for seed in seeds]
     success = _over_seeds("success_rate", "1", runs, _successes)
-    collision = _over_seeds("collision_rate", "1", runs, _collisions, least_is_best=True)
-    time = _over_seeds("time_to_goal_s", "s", runs, _times, least_is_best=True)
+    collision = _over_seeds("collision_rate", "1", runs, _collisions, lower_is_better=True)
+    time = _over_seeds("time_to_goal_s", "s", runs, _times, lower_is_better=True)
     return SeedSummary(
         approach=approach,
         seeds=seeds,
@@ -129,7 +129,7 @@ def _over_seeds(
     unit: str,
     runs: Sequence[Evaluation],
     values: Callable[[Evaluation], Mapping[int, float]],
-    least_is_best: bool = False,
+    lower_is_better: bool = False,
 ) -> OverSeeds:
     known = [values(run) for run in runs]
     by_world = [_by_world(run, found) for run, found in zip(runs, known, strict=True)]
@@ -137,7 +137,7 @@ def _over_seeds(
     scores = scores[:, np.isfinite(scores).all(axis=0)]
     by_seed = tuple(_mean(list(found.values())) for found in known)
     ends = [value for value in by_seed if math.isfinite(value)] or [math.nan]
-    worst, best = (max(ends), min(ends)) if least_is_best else (min(ends), max(ends))
+    worst, best = (max(ends), min(ends)) if lower_is_better else (min(ends), max(ends))
     unknown = Estimate(math.nan, math.nan, math.nan, len(runs))
     estimate = stratified_bootstrap(scores) if scores.size else unknown
     return OverSeeds(name, unit, estimate, by_seed, worst, best)

@@ -7,6 +7,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.envs.transformed import base_env
 from navrl.evaluation.metrics import Trajectory
 from navrl.worlds import ScenarioBatch
 
@@ -23,7 +24,7 @@ class Series:
 
     def add(self, stepped: TensorDictBase) -> None:
         """Add a step; worlds that have ended stay ended."""
-        following = stepped["next"]
+        following = stepped.get("next")
         self._pose.append(following[keys.POSE])
         self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
         self._steps = self._steps + self.running
@@ -34,7 +35,7 @@ class Series:
 
     def trajectory(self, env: TransformedEnv, scenarios: ScenarioBatch, count: int) -> Trajectory:
         """Return the first ``count`` worlds' episodes."""
-        simulator = env.base_env.simulator
+        simulator = base_env(env).simulator
         pose, pedestrians = (
             torch.stack(series, dim=1)[:count].cpu().numpy()
             for series in (self._pose, self._pedestrians)

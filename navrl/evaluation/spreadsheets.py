@@ -46,13 +46,13 @@ def seeds_comma_separated(tables: Sequence[ComparisonTable]) -> str:
     )
 
 
-def is_nothing(value: object) -> bool:
+def is_unknown(value: object) -> bool:
     """Return whether a value is unknown."""
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
 def _csv(rows: Sequence[Mapping[str, object]]) -> str:
-    known = ({k: None if is_nothing(v) else v for k, v in row.items()} for row in rows)
+    known = ({k: None if is_unknown(v) else v for k, v in row.items()} for row in rows)
     return csv_text(list(rows[0]), known) if rows else ""
 
 
@@ -62,7 +62,7 @@ def _flat(table: ComparisonTable, row: ComparisonRow) -> dict[str, object]:
         "suite_hash": table.suite_hash,
         "simulator": table.simulator,
         "policy": row.policy,
-        "cheats": int(row.cheats),
+        "privileged": int(row.is_privileged),
         "episodes": row.episodes,
         "errors": row.errors,
     }

@@ -22,7 +22,9 @@ MIN_SEEDS = 3
 
 _SEED = 2024
 _RESAMPLES = 2000  # determines an interval's ends to about 2 % of its width
-_FEW = 50  # values up to which a percentile bootstrap is too narrow: 7 % of intervals miss at 20
+_MAX_SMALL_SAMPLE = (
+    50  # values up to which a percentile bootstrap is too narrow: 7 % of intervals miss at 20
+)
 _UNKNOWN = (math.nan, math.nan)
 
 
@@ -75,7 +77,7 @@ def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tup
 
 
 def bootstrap_mean(
-    values: Sequence[float], confidence: float = 0.95, resamples: int = _RESAMPLES
+    values: Sequence[float] | np.ndarray, confidence: float = 0.95, resamples: int = _RESAMPLES
 ) -> Estimate:
     """Return the mean of non-normal values, such as times, with a bootstrap interval.
 
@@ -232,7 +234,7 @@ def _mean_interval(sample: np.ndarray, confidence: float, resamples: int) -> tup
     """Return the interval of a mean; (nan, nan) if the spread of the sample is unknown."""
     if len(sample) < MIN_PAIRS or np.ptp(sample) == 0:
         return _UNKNOWN
-    if len(sample) <= _FEW:
+    if len(sample) <= _MAX_SMALL_SAMPLE:
         return _with_width(*center_interval(sample, confidence, _SEED))
     interval = bootstrap(
         (sample,),
@@ -252,7 +254,7 @@ def _with_width(low: float, high: float) -> tuple[float, float]:
     return (low, high) if high > low else _UNKNOWN
 
 
-def _finite(name: str, values: Sequence[float]) -> np.ndarray:
+def _finite(name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
         raise ValueError(f"{name}={array[~np.isfinite(array)][0]}: must be finite")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from navrl.evaluation.metrics import METRICS, Metric
+from navrl.evaluation.metrics import METRICS, RENAMED, Metric
 from navrl.evaluation.results import EPISODES, SUMMARY, columns
 from navrl.evaluation.summaries import check_summary, own_metrics
 from navrl.untrusted import DamagedFileError, is_number, read_json, read_table
@@ -44,7 +44,7 @@ class Evaluation:
             DamagedFileError: If it is damaged or has values of the wrong type.
         """
         file = Path(folder) / "summary.json"
-        summary = read_json(file, _REMEDY)
+        summary = _renamed(read_json(file, _REMEDY))
         wrong = check_summary(summary)
         if wrong is not None:
             raise DamagedFileError(file, wrong, _REMEDY)
@@ -59,7 +59,8 @@ class Evaluation:
     @property
     def setting(self) -> tuple[str, str, str]:
         """Suite, hash of its episodes and simulator, which are equal for all rows of a table."""
-        return tuple(str(self.summary[name]) for name in ("suite", "suite_hash", "simulator"))
+        known = self.summary
+        return str(known["suite"]), str(known["suite_hash"]), str(known["simulator"])
 
     @property
     def setting_shown(self) -> tuple[str, str, str]:
@@ -94,10 +95,10 @@ class Evaluation:
             DamagedFileError: If it is damaged, or has another number of episodes than the summary.
         """
         file = self.folder / "episodes.csv"
-        rows = read_table(file, _REMEDY)
+        rows = [_renamed(row) for row in read_table(file, _REMEDY)]
         try:
             _check_rows(rows, columns(self.metrics))
-            by_index = {int(row["index"]): row for row in rows}
+            by_index: dict[int, Mapping[str, str]] = {int(row["index"]): row for row in rows}
         except ValueError as error:
             raise DamagedFileError(file, error, _REMEDY) from error
         if len(by_index) != self.summary["episodes"]:
@@ -118,6 +119,14 @@ class Evaluation:
         cells = {index: row.get(column) or "nan" for index, row in self.episodes.items()}
         values = {index: float(cell) for index, cell in cells.items()}
         return {index: value for index, value in values.items() if math.isfinite(value)}
+
+
+def _renamed(part: Mapping) -> dict:
+    """Return a part of a file with the present names of its keys, in the same order."""
+    return {
+        RENAMED.get(name, name): _renamed(value) if isinstance(value, Mapping) else value
+        for name, value in part.items()
+    }
 
 
 def _check_rows(rows: Sequence[Mapping[str, str]], known: Sequence[str]) -> None:

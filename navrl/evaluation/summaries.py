@@ -85,7 +85,7 @@ def _rule(name: str) -> tuple[Callable[[object], bool], str]:
             lambda value: isinstance(value, int) and is_number(value, 1),
             "a number of at least 1",
         )
-    if name in ("errors", "successes", "solved", "run_into"):
+    if name in ("errors", "successes", "solved", "hit_by_pedestrian"):
         return (
             lambda value: isinstance(value, int) and is_number(value, 0),
             "a number of at least 0",

@@ -10,13 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from navrl.deprecation import warn
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
-from navrl.evaluation.metrics import METRICS
+from navrl.evaluation.metrics import METRICS, RENAMED
 from navrl.evaluation.pairing import COLLISIONS, COMPARABLE, MetricComparison
 from navrl.evaluation.seeds import OverSeeds
 from navrl.evaluation.spreadsheets import (
     comma_separated,
-    is_nothing,
+    is_unknown,
     metrics_comma_separated,
     seeds_comma_separated,
 )
@@ -34,7 +35,7 @@ NAME = "comparison"
 
 _RATES = ("success", "collision", "timeout")
 _COLLISION_LABELS = [metric.label for metric in METRICS if metric.name in COLLISIONS]
-_NOTHING = "\N{EN DASH}"
+_UNKNOWN = "\N{EN DASH}"
 
 
 def write_comparison(tables: Sequence[ComparisonTable], folder: Path) -> list[Path]:
@@ -84,7 +85,7 @@ def markdown(table: ComparisonTable) -> str:
         "|" + "---|" * len(header),
     ]
     lines += ["| " + " | ".join(_cells(row, reference, has_published)) + " |" for row in table.rows]
-    if any(row.cheats for row in table.rows):
+    if any(row.is_privileged for row in table.rows):
         lines += ["", "\\* privileged: reads the true state of walls and pedestrians."]
     lines += [*_lead_lines(table), *_collision_lines(table), *_seed_lines(table)]
     return "\n".join(lines) + "\n"
@@ -102,6 +103,9 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
     """
     measured = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     comparable = dict.fromkeys((*COMPARABLE, *measured))
+    for old in RENAMED.keys() & set(names):
+        warn(f"metrics=[{old}]", f"use {RENAMED[old]}")
+    names = [RENAMED.get(name, name) for name in names]
     unknown = sorted(set(names) - comparable.keys())
     if unknown:
         raise ValueError(f"metrics={unknown}: must be some of {', '.join(comparable)}")
@@ -191,8 +195,8 @@ def _seed_lines(table: ComparisonTable) -> list[str]:
 
 
 def _over_seeds(found: OverSeeds) -> str:
-    if is_nothing(found.estimate.value):
-        return _NOTHING
+    if is_unknown(found.estimate.value):
+        return _UNKNOWN
     scale, unit = (100, "%") if found.unit == "1" else (1, found.unit)
     value, low, high, worst, best = (
         scale * number for number in (*found.estimate[:3], found.worst, found.best)
@@ -213,9 +217,9 @@ def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str |
     for estimate in (own, common):
         value, low, high, count = estimate
         interval = interval_text(low, high, ".3g")
-        cells += [f"{value:.3g}{unit}{interval}" if count else _NOTHING, f"{count:,}"]
+        cells += [f"{value:.3g}{unit}{interval}" if count else _UNKNOWN, f"{count:,}"]
     if reference and (difference is None or not difference.n):
-        cells += [_NOTHING] * 3
+        cells += [_UNKNOWN] * 3
     elif reference:
         value, low, high, p_value, pairs = difference
         interval = interval_text(low, high, "+.3g")
@@ -225,17 +229,20 @@ def _metric_cells(row: ComparisonRow, metric: MetricComparison, reference: str |
 
 def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> list[str]:
     errors = f" ({row.errors} errors)" if row.errors else ""
-    cells = [f"{_code(row.policy)}" + ("\\*" if row.cheats else ""), f"{row.episodes:,}{errors}"]
+    cells = [
+        f"{_code(row.policy)}" + ("\\*" if row.is_privileged else ""),
+        f"{row.episodes:,}{errors}",
+    ]
     for name in _RATES:
         cells.append(_rate(row, name))
-    cells.append(_NOTHING if row.time_s is None else f"{row.time_s:.1f} s")
+    cells.append(_UNKNOWN if row.time_s is None else f"{row.time_s:.1f} s")
     time = row.common_time
     interval = interval_text(time.low, time.high, ".1f")
-    cells.append(f"{time.value:.1f} s{interval}" if time.n else _NOTHING)
+    cells.append(f"{time.value:.1f} s{interval}" if time.n else _UNKNOWN)
     if reference:
         known = row.difference is not None
-        cells.append(_points(row.difference, row.difference_interval) if known else _NOTHING)
-        cells.append(p_value_text(row.p_holm) if known else _NOTHING)
+        cells.append(_points(row.difference, row.difference_interval) if known else _UNKNOWN)
+        cells.append(p_value_text(row.p_holm) if known else _UNKNOWN)
     if has_published:
         cells.append(_published(row))
     return cells
@@ -243,7 +250,7 @@ def _cells(row: ComparisonRow, reference: str | None, has_published: bool) -> li
 
 def _rate(row: ComparisonRow, name: str) -> str:
     if name not in row.rates:
-        return _NOTHING
+        return _UNKNOWN
     return _percent(Estimate(row.rates[name], *row.intervals[name], row.episodes))
 
 
@@ -254,13 +261,13 @@ def _points(difference: float, interval: tuple[float, float]) -> str:
 
 def _published(row: ComparisonRow) -> str:
     if not row.published:
-        return _NOTHING
+        return _UNKNOWN
     cells = [
-        f"{100 * row.published[name]:.1f} %" if name in row.published else _NOTHING
+        f"{100 * row.published[name]:.1f} %" if name in row.published else _UNKNOWN
         for name in _RATES
     ]
     time = row.published.get("time")
-    return " / ".join([*cells, _NOTHING if time is None else f"{time:.1f} s"])
+    return " / ".join([*cells, _UNKNOWN if time is None else f"{time:.1f} s"])
 
 
 def _code(name: str) -> str:
@@ -276,4 +283,4 @@ def _plain(value: object) -> object:
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    return None if is_nothing(value) else value
+    return None if is_unknown(value) else value

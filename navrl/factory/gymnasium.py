@@ -113,8 +113,8 @@ class EpisodeRenderer:
 
     def _append(self, observation: TensorDictBase) -> None:
         pedestrians = self._env.simulator.state().pedestrians[0]
-        self._series[keys.POSE].append(observation[keys.POSE][0].numpy().copy())
-        self._series[keys.RANGES].append(observation[keys.RANGES][0].numpy().copy())
+        self._series[keys.POSE].append(observation.get(keys.POSE)[0].numpy().copy())
+        self._series[keys.RANGES].append(observation.get(keys.RANGES)[0].numpy().copy())
         self._series[keys.PEDESTRIAN_BOXES].append(pedestrians.numpy().copy())
         self._outcome = Outcome(int(observation[keys.OUTCOME][0]))
 

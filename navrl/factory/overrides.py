@@ -19,7 +19,7 @@ PARTS = ("transforms", "lidar", "robot")
 
 # Keys allowed when a recording is drawn: those with an effect, and the number of threads.
 _OF_RECORDING = ("recording", "frames_per_s", "num_threads")
-_NEVER_MEASURED = ("suite", "final_simulator", "deployment", "resume", "validation", "sweep")
+_UNUSED_PARTS = ("suite", "final_simulator", "deployment", "resume", "validation", "sweep")
 _SET_BY_ROWS = (
     *(f"schedule.{name}" for name in ("learning_starts", "total_frames", "checkpoint_every_s")),
     *("schedule.log_every_updates", "schedule.evaluate_every_updates"),
@@ -103,7 +103,7 @@ def check_drawing(cfg: DictConfig) -> None:
     Raises:
         ValueError: If an override has no effect.
     """
-    names = [name for name in cfg if name not in _OF_RECORDING]
+    names = [str(name) for name in cfg if name not in _OF_RECORDING]
     for key, value in _overridden(cfg, names, "play"):
         raise ValueError(
             f"{key}={value}: no effect with recording={cfg.recording}, which is drawn as it is"
@@ -122,7 +122,7 @@ def check_measured(overrides: Iterable[str]) -> None:
     for override in overrides:
         group, _, place = override.lstrip("+~").partition("=")[0].partition("@")
         key = place or group
-        if key.partition(".")[0] in _NEVER_MEASURED or key in _SET_BY_ROWS:
+        if key.partition(".")[0] in _UNUSED_PARTS or key in _SET_BY_ROWS:
             raise ValueError(f"{override}: no effect, navrl-benchmark does not use it")
 
 

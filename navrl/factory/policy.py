@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import torch
 from hydra.utils import get_object
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.deprecation import renamed_keys
+from navrl.envs.transformed import base_env
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
@@ -103,15 +105,14 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
         return None
     bundle = load_bundle(folder, cfg.allow)
     local = _with_parts(cfg, bundle.config)
-    parts = (instantiate(local[part]) for part in ("lidar", "robot"))
-    limits = SafetyLimits.simulated()
-    return PolicyRunner(instantiate(local.transforms), bundle.actor, *parts, limits)
+    transforms, lidar, robot = (instantiate(local[k]) for k in ("transforms", "lidar", "robot"))
+    return PolicyRunner(transforms, bundle.actor, lidar, robot, SafetyLimits.simulated())
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
     """Return a copy of ``cfg`` with a bundle's parts, modified by ``cfg.change``."""
     own = {part: config[part] for part in PARTS}
-    return _replaced(cfg, OmegaConf.merge(own, cfg.change))
+    return _replaced(cfg, OmegaConf.merge(own, _change(cfg)))
 
 
 def policy_name(cfg: DictConfig) -> str:
@@ -133,7 +134,7 @@ def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPol
                 f"policy={cfg.policy}: must build a callable from a TensorDict to one with "
                 f"'action', got {type(controller).__name__}"
             )
-        check_known_future(controller, env.base_env.simulator)
+        check_known_future(controller, base_env(env).simulator)
     except ValueError:
         env.close()
         raise
@@ -152,9 +153,8 @@ def controller_node(policy: str) -> dict[str, Any] | None:
     if bundle_folder(policy) is not None:
         return None
     check_policy_name(policy)  # never a path, which would build an unchecked node
-    return OmegaConf.to_container(
-        compose("evaluate", [f"+controller={policy}"]).controller, resolve=False
-    )
+    node = compose("evaluate", [f"+controller={policy}"]).controller
+    return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))
 
 
 def controller_class(policy: str) -> type:
@@ -171,17 +171,22 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
-        node: Of the controller; that which ``cfg.policy`` names if ``None``.
+        node: Node of the controller; the one named by ``cfg.policy`` if ``None``.
 
     Raises:
         ValueError: If there is none, listing those there are.
     """
     node = controller_node(cfg.policy) if node is None else node
     changed = {part: cfg[part] for part in PARTS if part in cfg.change}
-    return _replaced(cfg, OmegaConf.merge({"controller": node, **changed}, cfg.change))
+    parts = {"controller": renamed_keys(node), **changed}
+    return _replaced(cfg, OmegaConf.merge(parts, _change(cfg)))
 
 
-def _replaced(cfg: DictConfig, parts: Mapping[str, DictConfig]) -> DictConfig:
+def _change(cfg: DictConfig) -> dict:
+    return renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
+
+
+def _replaced(cfg: DictConfig, parts: DictConfig | ListConfig) -> DictConfig:
     """Return a copy of ``cfg`` with whole nodes replaced instead of merged."""
     copy = cfg.copy()
     OmegaConf.set_struct(copy, False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from navrl.config import did_you_mean, options
 from navrl.policies.names import bundle_folder, zoo_names
 
-SEVERAL = ("all", "zoo", "controllers")
+POLICY_SETS = ("all", "zoo", "controllers")
 """Words that stand for several policies in a sweep."""
 
 
@@ -18,7 +18,7 @@ def check_policy_name(policy: str) -> None:
     known = options("controller")
     if policy in known or bundle_folder(policy) is not None:
         return
-    if policy in SEVERAL:
+    if policy in POLICY_SETS:
         raise ValueError(f"policy={policy}: must be one policy; for several use navrl-evaluate -m")
     near = did_you_mean(policy, [*zoo_names(), *known])
     raise ValueError(

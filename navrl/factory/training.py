@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 import torch
 from hydra.utils import get_class
@@ -36,7 +37,7 @@ def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
     """Return the feature shape (without batch) of every top-level observation of ``env``."""
     batch_dims = len(env.batch_size)
     return {
-        key: list(spec.shape[batch_dims:])
+        str(key): list(spec.shape[batch_dims:])
         for key, spec in env.observation_spec.items()
         if isinstance(spec.shape, torch.Size) and len(spec.shape) > batch_dims
     }
@@ -44,7 +45,7 @@ def observation_shapes(env: TransformedEnv) -> dict[str, list[int]]:
 
 def actor_node(cfg: DictConfig, shapes: Mapping[str, list[int]]) -> dict:
     """Return the plain, self-contained config of the actor, including sizes."""
-    network = OmegaConf.to_container(cfg.network, resolve=True)
+    network = _plain(cfg, "network")
     network.pop("attention", None)  # sizes referred to by the streams
     network.pop("critic", None)  # critic only
     make = instantiate(cfg.network.encoder)
@@ -66,7 +67,7 @@ def make_agent(
     """
     torch.manual_seed(cfg.seed)
     node = actor_node(cfg, shapes)
-    own = OmegaConf.to_container(cfg.network.get("critic") or OmegaConf.create(), resolve=True)
+    own = _plain(cfg.network, "critic") if cfg.network.get("critic") else {}
     critic = {**node, **own, "_target_": "navrl.networks.make_critic"}
     critic.pop("saturation_penalty", None)  # only the actor has a tanh
     torch.manual_seed(cfg.seed)
@@ -153,7 +154,9 @@ def save_policy(
     metrics: Mapping[str, float],
 ) -> None:
     """Save the actor as a self-contained bundle."""
-    config = {part: _plain(deployed(cfg), part) for part in ("transforms", "lidar", "robot")}
+    config: dict[str, Any] = {
+        part: _plain(deployed(cfg), part) for part in ("transforms", "lidar", "robot")
+    }
     config["actor"] = actor_node(cfg, shapes)
     config["time_step_s"] = float(cfg.simulator.time_step_s)
     config["navrl_version"] = navrl.__version__
@@ -169,8 +172,8 @@ def deployed(cfg: DictConfig) -> DictConfig:
     return copy
 
 
-def _plain(cfg: DictConfig, part: str) -> dict:
-    return OmegaConf.to_container(cfg[part], resolve=True)
+def _plain(cfg: DictConfig, part: str) -> dict[str, Any]:
+    return cast(dict[str, Any], OmegaConf.to_container(cfg[part], resolve=True))
 
 
 def _card(metrics: Mapping[str, float], commands: str) -> str:

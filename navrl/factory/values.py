@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
 
-def flat_values(cfg: DictConfig) -> dict[str, Any]:
+def flat_values(cfg: DictConfig | ListConfig) -> dict[str, Any]:
     """Return all values of a config by dotted name, with unresolved interpolations."""
     return dict(_leaves(OmegaConf.to_container(cfg, resolve=False)))
 

@@ -205,10 +205,8 @@ def _latency(cfg: DictConfig) -> Results:
     env = make_env(raw, instantiate(cfg.transforms))
     actor, _ = make_agent(cfg, observation_shapes(env))
     env.close()
-    parts = (instantiate(cfg[part]) for part in ("lidar", "robot"))
-    runner = PolicyRunner(
-        instantiate(cfg.transforms), actor.eval(), *parts, SafetyLimits.simulated()
-    )
+    transforms, lidar, robot = (instantiate(cfg[k]) for k in ("transforms", "lidar", "robot"))
+    runner = PolicyRunner(transforms, actor.eval(), lidar, robot, SafetyLimits.simulated())
     return benchmarks.latency_rows(runner, drive, cfg.effort.repeats)
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from omegaconf import DictConfig, OmegaConf
 
 from navrl.config import instantiate
+from navrl.envs.transformed import base_env
 from navrl.evaluation import summarize, write_results
 from navrl.evaluation.errors import write_errors
 from navrl.evaluation.recorder import record_episode
@@ -98,7 +99,7 @@ def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
     small = cfg.copy()
     small.num_worlds = 1
     evaluated = make_evaluated_policy(small, controller=controller)
-    simulator = evaluated.env.base_env.simulator
+    simulator = base_env(evaluated.env).simulator
     name, pedestrians = cfg.simulator["_target_"].rpartition(".")[2], simulator.pedestrians
     evaluated.env.close()
     if pedestrians.is_reactive:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -108,7 +108,8 @@ def policy_parts(cfg: DictConfig) -> dict[str, Any]:
     """
     folder = bundle_folder(cfg.policy)
     if folder is None:
-        node = OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+        plain = OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
+        node = cast(dict[str, Any], plain)
         values = flat_values(OmegaConf.create(node)).values()
         files = {value: Path(value) for value in values if isinstance(value, str)}
         return node | {name: file.read_bytes() for name, file in files.items() if file.is_file()}

@@ -27,7 +27,7 @@ from navrl.worlds import ScenarioBatch
 _SENSED = (keys.RANGES, keys.POSE, keys.PATH)
 
 
-def measure_latency(cfg: DictConfig, folder: Path) -> dict | None:
+def measure_latency(cfg: DictConfig, folder: Path) -> Mapping[str, float] | None:
     """Time the first ``cfg.latency`` episodes, played again in one world on one thread.
 
     A bundle is timed as on a robot, from scan, pose and path to the command
@@ -94,7 +94,7 @@ class _Clock:
         result = self._policy(tensordict)
         spent = time.perf_counter() - start
         if self._runner is not None:
-            sensed = {key: tensordict[key][0].numpy() for key in _SENSED}
+            sensed = {key: tensordict.get(key)[0].numpy() for key in _SENSED}
             start = time.perf_counter()
             self._runner.act(**sensed)
             spent = time.perf_counter() - start

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_all_start_methods, get_context
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from omegaconf import DictConfig
 from tensordict import TensorDictBase
@@ -164,7 +164,7 @@ def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chu
 _player: _Player | None = None
 
 
-def _start(*arguments: object) -> None:
+def _start(*arguments: Any) -> None:
     """Prepare a worker process."""
     global _player
     set_threads(arguments[0])
@@ -172,6 +172,7 @@ def _start(*arguments: object) -> None:
 
 
 def _play_in_worker(chunk: range) -> Chunk:
+    assert _player is not None  # see _start
     return _player.play(chunk)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from navrl.evaluation import Evaluation, find_evaluations
@@ -25,7 +25,7 @@ _CURVE_COLUMNS = {
     "evaluation/timeout_rate": "timeout",
 }
 _SHOWN = 10  # maximum rows of the curve in the card
-_NOT_OF_THE_RUN = ("hydra.", "resume=", "progress_bar=")
+_IGNORED_OVERRIDES = ("hydra.", "resume=", "progress_bar=")
 
 
 def publish(
@@ -106,7 +106,7 @@ def _read_curve(file: Path) -> list[dict[str, str]]:
 def _origin(run: Path, metrics: dict) -> str:
     remedy = "restore it, or write [] into it and the command into the card"
     overrides = map(str, read_yaml(run / ".hydra" / "overrides.yaml", remedy, list))
-    words = [word for word in overrides if not word.startswith(_NOT_OF_THE_RUN)]
+    words = [word for word in overrides if not word.startswith(_IGNORED_OVERRIDES)]
     command = " ".join(shlex.join(["navrl-train", *words]).split("\n"))  # no line breaks
     parts = "; ".join(map(markdown_text, recorded_origins(run))) or "origin not recorded"
     missing = [n for n in ("seconds", "updates", "frames") if not is_number(metrics.get(n), 0)]
@@ -142,7 +142,7 @@ def _scores(evaluations: Sequence[Evaluation]) -> str:
     return "\n".join(lines)
 
 
-def _rate(summary: dict, name: str) -> str:
+def _rate(summary: Mapping, name: str) -> str:
     if f"{name}_interval" not in summary:
         return f"{100 * summary[f'{name}_rate']:.1f} %"
     low, high = summary[f"{name}_interval"]

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from navrl.factory.values import flat_values
 from navrl.files import write_text
-from navrl.jobs.run_folder import CONFIG_FILE, HARMLESS, differences
+from navrl.jobs.run_folder import CONFIG_FILE, RESULT_NEUTRAL, differences
 
 _RECORD = Path("checkpoint") / CONFIG_FILE  # the configuration of the checkpoint
 
@@ -46,7 +46,7 @@ def resumed_config(folder: Path, cfg: DictConfig, overrides: Sequence[str]) -> D
         if "device" not in run:
             raise ValueError(f"device={cfg.device}: the run in {folder} is older than this key")
         run.device = cfg.device
-    for name in HARMLESS & given:
+    for name in RESULT_NEUTRAL & given:
         if name in run:
             run[name] = cfg[name]
     different = [

@@ -12,7 +12,7 @@ from navrl.files import write_text
 
 CONFIG_FILE = "config.yaml"
 # Keys that do not change results.
-HARMLESS = {"num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume"}
+RESULT_NEUTRAL = {"num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume"}
 _CHECKS = ("suite.version",)
 
 
@@ -47,11 +47,11 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
 
 def result_values(cfg: DictConfig) -> dict[str, Any]:
     """Return the values of :func:`flat_values` that may change a result."""
-    return {name: value for name, value in flat_values(cfg).items() if _matters(name)}
+    return {name: value for name, value in flat_values(cfg).items() if _affects_results(name)}
 
 
-def _matters(name: str) -> bool:
-    return name.split(".")[0] not in HARMLESS and name not in _CHECKS
+def _affects_results(name: str) -> bool:
+    return name.split(".")[0] not in RESULT_NEUTRAL and name not in _CHECKS
 
 
 def differences(there: dict[str, Any], here: dict[str, Any]) -> list[tuple[str, Any, Any]]:
@@ -59,6 +59,6 @@ def differences(there: dict[str, Any], here: dict[str, Any]) -> list[tuple[str, 
     pairs = [
         (name, there.get(name, "missing"), here.get(name, "missing"))
         for name in {**there, **here}
-        if _matters(name)
+        if _affects_results(name)
     ]
     return [(name, old, new) for name, old, new in pairs if old != new]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
@@ -114,7 +114,8 @@ def expand_policies(names: list[str]) -> list[str]:
 
 
 def _is_named_by_time(node: DictConfig) -> bool:
-    return "${now:" in OmegaConf.to_container(node, resolve=False)["dir"]
+    plain = cast(dict[str, str], OmegaConf.to_container(node, resolve=False))
+    return "${now:" in plain["dir"]
 
 
 def _quoted(value: str) -> str:

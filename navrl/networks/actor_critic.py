@@ -9,11 +9,12 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
 from navrl import keys
-from navrl.networks.encoder import Shapes
+from navrl.deprecation import warn
+from navrl.networks.encoder import Encoder, Shapes
 from navrl.networks.mlp import mlp
-from navrl.networks.restraint import restrain
+from navrl.networks.saturation import penalize_saturation
 
-Encoder = Callable[..., nn.Module]
+MakeEncoder = Callable[..., Encoder]
 
 
 class ActorNetwork(nn.Module):
@@ -25,7 +26,7 @@ class ActorNetwork(nn.Module):
         hidden: Hidden layer sizes of the output module.
         with_attention: Whether to return the attention weights after the action.
         saturation_penalty: Weight of the tanh saturation penalty in training; see
-            :func:`navrl.networks.restraint.restrain`.
+            :func:`navrl.networks.saturation.penalize_saturation`.
 
     Raises:
         ValueError: If ``saturation_penalty`` is negative.
@@ -37,7 +38,7 @@ class ActorNetwork(nn.Module):
 
     def __init__(
         self,
-        encoder: nn.Module,
+        encoder: Encoder,
         action_size: int = 2,
         hidden: Sequence[int] = (128, 64, 64),
         with_attention: bool = False,
@@ -55,7 +56,7 @@ class ActorNetwork(nn.Module):
         """Return the action ``[*B, action_size]`` and, if requested, the attention weights."""
         feature, *weights = self.encoder(*inputs)
         action = in_float32(self.output, feature)
-        action = torch.tanh(restrain(action, self.saturation_penalty))
+        action = torch.tanh(penalize_saturation(action, self.saturation_penalty))
         return (action, *weights) if self.with_attention else action
 
 
@@ -78,7 +79,7 @@ class CriticNetwork(nn.Module):
 
     def __init__(
         self,
-        encoder: nn.Module,
+        encoder: Encoder,
         action_size: int = 2,
         hidden: Sequence[int] = (128, 64, 64),
         observation_hidden: Sequence[int] = (),
@@ -92,16 +93,21 @@ class CriticNetwork(nn.Module):
 
     def forward(self, action: Tensor, *inputs: Tensor) -> Tensor:
         """Return the Q-value ``[*B, 1]`` of ``action`` in ``[-1, 1]``."""
-        return self.judge(action, self.encode(*inputs))
+        return self.q_value(action, self.encode(*inputs))
 
     def encode(self, *inputs: Tensor) -> Tensor:
         """Return the feature ``[*B, n]`` of the observation, independent of the action."""
         return in_float32(self.observation, self.encoder(*inputs)[0])
 
-    def judge(self, action: Tensor, feature: Tensor) -> Tensor:
+    def q_value(self, action: Tensor, feature: Tensor) -> Tensor:
         """Return the Q-value ``[*B, 1]`` of ``action`` given the ``feature`` of :meth:`encode`."""
         action = in_float32(self.action, action)
         return in_float32(self.output, torch.cat([feature, action], dim=-1))
+
+    def judge(self, action: Tensor, feature: Tensor) -> Tensor:
+        """Deprecated name of :meth:`q_value`."""
+        warn("CriticNetwork.judge", "use q_value")
+        return self.q_value(action, feature)
 
 
 def _layers(in_features: int, sizes: Sequence[int]) -> tuple[nn.Module, int]:
@@ -118,7 +124,7 @@ def in_float32(module: nn.Module, value: Tensor) -> Tensor:
 
 
 def make_actor(
-    encoder: Encoder,
+    encoder: MakeEncoder,
     shapes: Shapes,
     action_size: int = 2,
     hidden: Sequence[int] = (128, 64, 64),
@@ -152,12 +158,14 @@ def make_actor(
     network = ActorNetwork(
         encoder(shapes=shapes), action_size, hidden, with_attention, saturation_penalty
     )
-    out_keys = [keys.ACTION, *(network.encoder.attention_keys if with_attention else [])]
-    return TensorDictModule(network, in_keys=network.encoder.in_keys, out_keys=out_keys)
+    attention_keys = network.encoder.attention_keys if with_attention else []
+    return TensorDictModule(
+        network, in_keys=[*network.encoder.in_keys], out_keys=[keys.ACTION, *attention_keys]
+    )
 
 
 def make_critic(
-    encoder: Encoder,
+    encoder: MakeEncoder,
     shapes: Shapes,
     action_size: int = 2,
     hidden: Sequence[int] = (128, 64, 64),

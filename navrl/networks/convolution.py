@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from navrl import keys
+from navrl.deprecation import input_key
 from navrl.networks.attention import LocationAttention
 from navrl.networks.encoder import Shapes, feature_size
 from navrl.networks.mlp import mlp
@@ -36,7 +38,7 @@ class ConvStream(nn.Module):
             ``padding_mode`` is unknown.
 
     Example:
-        >>> stream = ConvStream(["distance"], {"distance": [180]}, channels=[32, 32],
+        >>> stream = ConvStream(["scan"], {"scan": [180]}, channels=[32, 32],
         ...                     kernel_sizes=[5, 3], strides=[2, 2], paddings=[1, 1], hidden=[64])
         >>> stream(torch.zeros(4, 180))[0].shape
         torch.Size([4, 64])
@@ -59,7 +61,7 @@ class ConvStream(nn.Module):
         padding_mode: str = "zeros",
     ) -> None:
         super().__init__()
-        self.in_keys = list(in_keys)
+        self.in_keys = [input_key(key, shapes) for key in in_keys]
         self._num_scans, num_beams = _scans(shapes, self.in_keys)
         layers = {"kernel_sizes": kernel_sizes, "strides": strides, "paddings": paddings}
         self.convolutions, self.num_places = _convolutions(
@@ -105,8 +107,8 @@ class ConvAttentionStream(ConvStream):
         ValueError: If an argument is invalid for :class:`ConvStream` or ``context_key`` is missing.
 
     Example:
-        >>> shapes = {"distances": [4, 180], "waypoint": [5, 2]}
-        >>> stream = ConvAttentionStream(["distances"], shapes, channels=[32], kernel_sizes=[6],
+        >>> shapes = {"scans": [4, 180], "waypoints_scaled": [5, 2]}
+        >>> stream = ConvAttentionStream(["scans"], shapes, channels=[32], kernel_sizes=[6],
         ...                              strides=[6], paddings=[0], hidden=[64])
         >>> feature, weights = stream(torch.zeros(1, 4, 180), torch.zeros(1, 5, 2))
         >>> feature.shape, weights.shape
@@ -117,18 +119,20 @@ class ConvAttentionStream(ConvStream):
     """
 
     has_attention = True
+    bearings: Tensor
 
     def __init__(
         self,
         in_keys: Sequence[str],
         shapes: Shapes,
-        context_key: str = keys.WAYPOINT_INPUT,
+        context_key: str = keys.WAYPOINTS_SCALED,
         embedding: Sequence[int] = (64, 64),
         score: Sequence[int] = (32, 1),
         feature: Sequence[int] = (64,),
-        **options: object,
+        **options: Any,
     ) -> None:
         super().__init__(in_keys, shapes, **options)
+        context_key = input_key(context_key, shapes)
         self.attention = LocationAttention(
             self.num_channels + 2, feature_size(shapes, context_key), embedding, score, feature
         )
@@ -179,9 +183,13 @@ def _convolutions(
             )
     modules: list[nn.Module] = []
     for index, (out_channels, *layer) in enumerate(zip(channels, *layers.values(), strict=True)):
-        num_beams = _num_outputs(num_beams, *layer, index)
-        conv = nn.Conv1d(in_channels, out_channels, *layer, padding_mode=padding_mode)
+        kernel_size, stride, padding = layer
+        num_beams = _num_outputs(num_beams, kernel_size, stride, padding, index)
+        conv = nn.Conv1d(
+            in_channels, out_channels, kernel_size, stride, padding, padding_mode=padding_mode
+        )
         nn.init.xavier_uniform_(conv.weight)
+        assert conv.bias is not None
         nn.init.zeros_(conv.bias)
         modules += [conv, nn.ReLU(inplace=True)]
         in_channels = out_channels

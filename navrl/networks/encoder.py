@@ -3,15 +3,47 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol, cast
 
 import torch
 from torch import Tensor, nn
 
 from navrl import keys
+from navrl.deprecation import input_key
 from navrl.networks.attention import LocationAttention
 
 Shapes = Mapping[str, Sequence[int]]
+
+
+class Stream(Protocol):
+    """Interface of encoder streams, which are modules."""
+
+    in_keys: list[str]
+    """Keys of the values that a call takes, in order."""
+    out_features: int
+    """Size of the feature."""
+    has_attention: bool
+    """Whether a call returns attention weights after the feature."""
+
+    def __call__(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Return the feature and, with attention, its weights."""
+        ...
+
+
+class Encoder(Protocol):
+    """Interface of encoders, which are modules; see :class:`StreamEncoder`."""
+
+    in_keys: list[str]
+    """Keys of the values that a call takes, in order."""
+    attention_keys: list[str]
+    """Keys of the attention weights that a call returns after the feature."""
+    out_features: int
+    """Size of the feature."""
+
+    def __call__(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Return the feature, then all attention weights."""
+        ...
 
 
 class AttentionStream(nn.Module):
@@ -31,7 +63,7 @@ class AttentionStream(nn.Module):
         ValueError: If a key is missing or the input cannot be split into ``num_items``.
 
     Example:
-        >>> stream = AttentionStream("spatial", {"spatial": [180, 2], "waypoint": [5, 2]})
+        >>> stream = AttentionStream("spatial", {"spatial": [180, 2], "waypoints_scaled": [5, 2]})
         >>> feature, weights = stream(torch.zeros(1, 180, 2), torch.zeros(1, 5, 2))
         >>> feature.shape, weights.shape
         (torch.Size([1, 30]), torch.Size([1, 30]))
@@ -48,12 +80,13 @@ class AttentionStream(nn.Module):
         in_key: str,
         shapes: Shapes,
         num_items: int = 30,
-        context_key: str = keys.WAYPOINT_INPUT,
+        context_key: str = keys.WAYPOINTS_SCALED,
         embedding: Sequence[int] = (256, 128, 64),
         score: Sequence[int] = (60, 50, 1),
         feature: Sequence[int] = (80, 50, 30),
     ) -> None:
         super().__init__()
+        in_key, context_key = (input_key(key, shapes) for key in (in_key, context_key))
         size, context_size = (feature_size(shapes, key) for key in (in_key, context_key))
         if num_items <= 0 or shapes[in_key][0] % num_items:
             raise ValueError(
@@ -98,12 +131,13 @@ class StreamEncoder(nn.Module):
         Paper Sec. IV-E and Fig. 3c. NO-SPATIAL and NO-TEMPORAL (Sec. V-B1) remove a stream.
     """
 
-    def __init__(self, streams: Mapping[str, object | None], shapes: Shapes) -> None:
+    def __init__(self, streams: Mapping[str, Callable[..., Stream] | None], shapes: Shapes) -> None:
         super().__init__()
         built = {name: make(shapes=shapes) for name, make in streams.items() if make is not None}
         if not built:
             raise ValueError("streams: at least one stream must be left, got none")
-        self.streams = nn.ModuleDict(built)
+        self.streams = nn.ModuleDict(cast(dict[str, nn.Module], built))
+        self._stream_keys = [stream.in_keys for stream in built.values()]
         self.in_keys = list(dict.fromkeys(k for s in built.values() for k in s.in_keys))
         self.attention_keys = [f"{name}_attention" for name, s in built.items() if s.has_attention]
         self.out_features = sum(stream.out_features for stream in built.values())
@@ -111,7 +145,10 @@ class StreamEncoder(nn.Module):
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
         """Return the concatenated feature ``[*B, out_features]``, then all attention weights."""
         by_key = dict(zip(self.in_keys, inputs, strict=True))
-        results = [s(*(by_key[key] for key in s.in_keys)) for s in self.streams.values()]
+        results = [
+            stream(*(by_key[key] for key in in_keys))
+            for stream, in_keys in zip(self.streams.values(), self._stream_keys, strict=True)
+        ]
         weights = [w for result in results for w in result[1:]]
         return torch.cat([result[0] for result in results], dim=-1), *weights
 

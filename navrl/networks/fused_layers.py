@@ -15,7 +15,7 @@ Layer = tuple[Tensor, Tensor, bool]
 
 
 def can_fuse(value: Tensor) -> bool:
-    """Return whether :func:`fused_layers` supports ``value`` and is faster than separate layers.
+    """Return whether :func:`fused_layers` is faster for ``value`` than separate layers.
 
     This holds for bfloat16 on the CPU, from autocast or the input's dtype: oneDNN writes the
     activated output directly, which halves the time for the wide and shallow layers of the
@@ -72,7 +72,10 @@ class _FusedLayers(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor | None, ...]:
+    # torch annotates what the decorator returns as a function without keywords.
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
+        ctx, gradient: Tensor
+    ) -> tuple[Tensor | None, ...]:
         count = len(ctx.activated)
         matrices, values = ctx.saved_tensors[:count], ctx.saved_tensors[count:]
         shape = values[0].shape

@@ -12,10 +12,10 @@ from navrl.networks.fused_layers import Layer, can_fuse, fused_layers
 class Perceptron(nn.Sequential):
     """Sequence of linear layers with optional ReLU, fused where that is faster."""
 
-    def forward(self, value: Tensor) -> Tensor:
+    def forward(self, input: Tensor) -> Tensor:
         """Return the output of the last layer."""
-        layers = _pairs(self._modules.values()) if can_fuse(value) else None
-        return fused_layers(value, layers) if layers else super().forward(value)
+        layers = _pairs(self._modules.values()) if can_fuse(input) else None
+        return fused_layers(input, layers) if layers else super().forward(input)
 
 
 def _pairs(modules: Iterable[nn.Module]) -> list[Layer] | None:

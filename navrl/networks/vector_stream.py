@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from torch import Tensor, nn
 
+from navrl.deprecation import input_key
 from navrl.networks.encoder import Shapes, feature_size
 from navrl.networks.mlp import mlp
 
@@ -23,8 +24,8 @@ class VectorStream(nn.Module):
 
     Example:
         >>> import torch
-        >>> stream = VectorStream("waypoint", {"waypoint": [5, 2]}, hidden=[64, 32])
-        >>> stream(torch.zeros(4, 5, 2))[0].shape
+        >>> stream = VectorStream("goal", {"goal": [2]}, hidden=[64, 32])
+        >>> stream(torch.zeros(4, 2))[0].shape
         torch.Size([4, 32])
     """
 
@@ -32,6 +33,7 @@ class VectorStream(nn.Module):
 
     def __init__(self, in_key: str, shapes: Shapes, hidden: Sequence[int]) -> None:
         super().__init__()
+        in_key = input_key(in_key, shapes)
         self.in_keys = [in_key]
         self.num_dims = len(shapes.get(in_key, ()))
         self.mlp = mlp(feature_size(shapes, in_key), hidden, activate_last=True)

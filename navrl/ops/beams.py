@@ -4,8 +4,8 @@ from typing import Literal
 
 HIT_MARGIN = 1e-3  # m; noisy hits are clamped this far below the maximum range
 
-# A reading closer to the maximum range than this is no return, so that float rounding of a maximum
-# range is never treated as an obstacle.
+# A reading closer to the maximum range than this is not a return, so that float rounding of a
+# maximum range is never treated as an obstacle.
 RETURN_MARGIN_M = 1e-4
 
 Bearing = Literal["bin", "beam"]

@@ -1,10 +1,12 @@
-"""Contact of a disc-shaped robot with oriented boxes, and classification of the at-fault party.
+"""Contact of a disc-shaped robot with oriented boxes, classified by the at-fault party.
 
 Scalar functions in plain Python: the kernel of the batched simulator is compiled from them, and the
 single-robot simulator calls them directly.
 """
 
-NONE, STATIC, PEDESTRIAN, RUN_INTO = range(4)  # codes of navrl.sim.Contact
+from navrl.deprecation import renamed_attributes
+
+NONE, STATIC, PEDESTRIAN, HIT_BY_PEDESTRIAN = range(4)  # codes of navrl.sim.Contact
 
 MOVING_SPEED = 0.05  # m/s; a slower robot counts as stationary and is never at fault
 
@@ -12,7 +14,7 @@ MOVING_SPEED = 0.05  # m/s; a slower robot counts as stationary and is never at 
 def nearest_point_on_box(
     x: float, y: float, cx: float, cy: float, hx: float, hy: float, cos: float, sin: float
 ) -> tuple[float, float]:
-    """Return the point of a box nearest to (x, y); a point inside the box is returned unchanged.
+    """Return the point of a box that is nearest to (x, y); this point itself if inside the box.
 
     All lengths are in m: the box has its center at (cx, cy) and half sizes (hx, hy); ``cos`` and
     ``sin`` are those of its yaw.
@@ -33,10 +35,10 @@ def nearest_point_on_box(
     )
 
 
-def blame(
+def classify_contact(
     x: float, y: float, cos_yaw: float, sin_yaw: float, v: float, px: float, py: float
 ) -> int:
-    """Classify a contact: PEDESTRIAN if the robot is at fault, RUN_INTO if the pedestrian is.
+    """Return PEDESTRIAN if the robot is at fault for a contact, else HIT_BY_PEDESTRIAN.
 
     The robot is at fault if it drives faster than :data:`MOVING_SPEED` and the contact point lies
     in the half-plane of its direction of travel. Its center is at (x, y), m, and its heading is
@@ -46,12 +48,18 @@ def blame(
         v: Forward speed of the robot, m/s, negative in reverse.
 
     Example:
-        >>> blame(0.0, 0.0, cos_yaw=1.0, sin_yaw=0.0, v=0.5, px=0.2, py=0.0) == PEDESTRIAN
+        >>> robot = {"x": 0.0, "y": 0.0, "cos_yaw": 1.0, "sin_yaw": 0.0, "v": 0.5}
+        >>> classify_contact(**robot, px=0.2, py=0.0) == PEDESTRIAN
         True
-        >>> blame(0.0, 0.0, cos_yaw=1.0, sin_yaw=0.0, v=0.5, px=-0.2, py=0.0) == RUN_INTO
+        >>> classify_contact(**robot, px=-0.2, py=0.0) == HIT_BY_PEDESTRIAN
         True
     """
     ahead = (px - x) * cos_yaw + (py - y) * sin_yaw
     if (v > MOVING_SPEED and ahead > 0.0) or (v < -MOVING_SPEED and ahead < 0.0):
         return PEDESTRIAN
-    return RUN_INTO
+    return HIT_BY_PEDESTRIAN
+
+
+__getattr__ = renamed_attributes(
+    __name__, {"blame": "classify_contact", "RUN_INTO": "HIT_BY_PEDESTRIAN"}
+)

@@ -1,4 +1,4 @@
-"""Temporal accumulation group descriptors (TAGD): obstacle motion between two aligned scans."""
+"""Temporal accumulation group descriptors (TAGD) of two aligned scans."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def tagd(
         The descriptors and the validity of their two halves.
 
     Raises:
-        ValueError: If a shape or an argument is not as above; the message names it.
+        ValueError: If a shape or an argument is invalid; the message names it.
 
     Example:
         >>> now, before = torch.tensor([[1.0, 0.0]]), torch.tensor([[1.1, 0.0]])
@@ -116,10 +116,11 @@ def _tagd_compiled(scans: tuple[Tensor, ...], options: tuple) -> GroupDescriptor
     from navrl.ops.kernels.grouping import describe_groups
 
     batch = scans[0].shape[:-2]
-    flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
-    return GroupDescriptors(
-        *(values.reshape(batch + values.shape[1:]) for values in describe_groups(*flat, *options))
+    points, returns, previous_points, previous_returns = (
+        scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans
     )
+    results = describe_groups(points, returns, previous_points, previous_returns, *options)
+    return GroupDescriptors(*(values.reshape(batch + values.shape[1:]) for values in results))
 
 
 def group_centers(points: Tensor, returns: Tensor, num_groups: int, max_range: float) -> Tensor:

@@ -46,7 +46,7 @@ def align(
     """Estimate the rigid motion that aligns a source scan with a target scan.
 
     Each sample of the batch iterates independently and is frozen once it converges, so its result
-    does not depend on the rest of the batch except for rounding. Points that are no returns are
+    does not depend on the rest of the batch except for rounding. Points without a return are
     ignored: the circle of maximum ranges does not move with the robot and would bias the estimate
     towards no motion.
 
@@ -112,9 +112,11 @@ def _align_compiled(
     from navrl.ops.kernels.icp import align_scans
 
     batch = scans[0].shape[:-2]
-    flat = (scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans)
+    source, source_returns, target, target_returns = (
+        scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans
+    )
     seen = seen if seen is None else seen.reshape(batch.numel(), -1)
-    results = align_scans(*flat, seen, options)
+    results = align_scans(source, source_returns, target, target_returns, seen, options)
     return Alignment(*(result.reshape(batch + result.shape[1:]) for result in results))
 
 

@@ -33,7 +33,7 @@ class IcpOptions:
         search_range: Largest rotation of the rotation search to either side, rad.
 
     Raises:
-        ValueError: If an option is not as above; the message names it.
+        ValueError: If an option is invalid; the message names it.
 
     Reference:
         Paper Sec. IV-A, least-squares ICP (Arun et al. 1987), whose settings the paper does not

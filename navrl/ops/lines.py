@@ -27,7 +27,7 @@ def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
 
     Args:
         points: ``[*B, N, 2]`` m, finite, ordered by bearing over the full circle.
-        returns: ``[*B, N]`` bool; points that are no returns are excluded.
+        returns: ``[*B, N]`` bool; points without a return are excluded.
 
     Returns:
         Lines through the points themselves, along the larger principal axis, whose direction has
@@ -40,13 +40,13 @@ def fit_lines(points: Tensor, returns: Tensor) -> ScanLines:
         (tensor(True), tensor([1., 0.]))
     """
     shifts = range(-HALF_WINDOW, HALF_WINDOW + 1)
-    neighbour = torch.stack([points.roll(-k, -2) for k in shifts], dim=-2)  # [*B, N, 2W+1, 2]
+    neighbor = torch.stack([points.roll(-k, -2) for k in shifts], dim=-2)  # [*B, N, 2W+1, 2]
     real = torch.stack([returns.roll(-k, -1) for k in shifts], dim=-1)
-    reach = torch.linalg.vector_norm(neighbour - points.unsqueeze(-2), dim=-1)
+    reach = torch.linalg.vector_norm(neighbor - points.unsqueeze(-2), dim=-1)
     weight = (real & returns.unsqueeze(-1) & (reach < REACH_M)).to(points.dtype)
     count = weight.sum(-1)
-    mean = (weight.unsqueeze(-1) * neighbour).sum(-2) / count.clamp(min=1).unsqueeze(-1)
-    x, y = (neighbour - mean.unsqueeze(-2)).unbind(-1)
+    mean = (weight.unsqueeze(-1) * neighbor).sum(-2) / count.clamp(min=1).unsqueeze(-1)
+    x, y = (neighbor - mean.unsqueeze(-2)).unbind(-1)
     s_xx, s_yy = (weight * x * x).sum(-1), (weight * y * y).sum(-1)
     s_xy = (weight * x * y).sum(-1)
     direction = 0.5 * torch.atan2(2.0 * s_xy, s_xx - s_yy)

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from navrl.deprecation import renamed_arguments
+
 FAR = 100.0
-"""Coordinate assigned to points that are no obstacle, m."""
+"""Coordinate assigned to points that are not obstacles, m."""
 
 
 def sample_commands(
@@ -28,7 +30,7 @@ def sample_commands(
         ``[num_speeds * num_turn_rates, 2]`` (v, w), m/s and rad/s.
 
     Raises:
-        ValueError: If a number of samples is not as above.
+        ValueError: If a number of samples is out of range.
 
     Example:
         >>> sample_commands(0.0, 0.5, 1.0, num_speeds=2, num_turn_rates=3)[:3].tolist()
@@ -47,13 +49,14 @@ def sample_commands(
     return torch.cartesian_prod(speeds, turns)
 
 
+@renamed_arguments(least="min_displacement", most="max_displacement")
 def point_motion(
     points: Tensor,
     tagd: Tensor,
     valid: Tensor,
     *,
-    least: float,
-    most: float,
+    min_displacement: float,
+    max_displacement: float,
     group_radius: float,
 ) -> Tensor:
     """Return the predicted displacement of each point in one step, from the group descriptors.
@@ -65,9 +68,9 @@ def point_motion(
         points: ``[N, P, 2]`` m, robot frame.
         tagd: ``[N, G, 4]`` m, (c_{t-1}, c_t) in the same frame.
         valid: ``[N, G, 2]`` bool, whether the group at t-1 / t has points.
-        least: Smallest displacement of a moving group, m per step; less is treated as noise of scan
+        min_displacement: Smallest displacement of a moving group, m per step; less is noise of scan
             and alignment.
-        most: Largest displacement of a moving group, m per step; more is treated as a mismatch.
+        max_displacement: Largest displacement of a moving group, m per step; more is a mismatch.
         group_radius: Radius around c_t within which points move with the group, m.
 
     Returns:
@@ -76,27 +79,35 @@ def point_motion(
     Example:
         >>> points, moving = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[[1.1, 0.0, 1.0, 0.0]]])
         >>> valid = torch.ones(1, 1, 2, dtype=torch.bool)
-        >>> point_motion(points, moving, valid, least=0.05, most=0.5, group_radius=0.25)
+        >>> limits = {"min_displacement": 0.05, "max_displacement": 0.5}  # m
+        >>> point_motion(points, moving, valid, **limits, group_radius=0.25)
         tensor([[[-0.1000,  0.0000]]])
     """
     before, now = tagd.split(2, dim=-1)
     motion = now - before
     length = motion.norm(dim=-1)
-    moved = valid.all(-1) & (length > least) & (length < most)
+    moved = valid.all(-1) & (length > min_displacement) & (length < max_displacement)
     gap = torch.cdist(points, torch.where(moved.unsqueeze(-1), now, -FAR))
     nearest, group = gap.min(dim=-1, keepdim=True)
     carried = motion.gather(1, group.expand(*group.shape[:-1], 2))
     return torch.where(nearest <= group_radius, carried, 0.0)
 
 
-def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[float]) -> Tensor:
+def room_along(
+    places: Tensor,
+    points: Tensor,
+    motion: Tensor,
+    steps: Sequence[float],
+    required: Tensor | None = None,
+) -> Tensor:
     """Return the distance from each trajectory position to the nearest point at the same time.
 
     Args:
         places: ``[N, S, T, 2]`` m, positions on S trajectories at T times, robot frame at time 0.
-        points: ``[N, P, 2]`` m, positions at time 0, :data:`FAR` for points that are no obstacle.
+        points: ``[N, P, 2]`` m, positions at time 0, :data:`FAR` for points that are not obstacles.
         motion: ``[N, P, 2]`` m per step, displacement of the points.
         steps: The T times, in steps.
+        required: ``[N, P]`` m, distance required of each point, subtracted from it; ``None`` for 0.
 
     Returns:
         ``[N, S, T]`` m.
@@ -106,8 +117,7 @@ def room_along(places: Tensor, points: Tensor, motion: Tensor, steps: Sequence[f
         >>> room_along(places, points, torch.tensor([[[-0.5, 0.0]]]), steps=[0.0, 1.0])
         tensor([[[1.0000, 0.5000]]])
     """
-    gaps = [
-        torch.cdist(places[:, :, k], points + step * motion).amin(-1)
-        for k, step in enumerate(steps)
-    ]
-    return torch.stack(gaps, dim=-1)
+    gaps = (torch.cdist(places[:, :, k], points + step * motion) for k, step in enumerate(steps))
+    if required is not None:
+        gaps = (gap - required.unsqueeze(1) for gap in gaps)
+    return torch.stack([gap.amin(-1) for gap in gaps], dim=-1)

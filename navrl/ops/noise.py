@@ -70,14 +70,14 @@ def add_range_noise(
         seed: [N] int64, episode seed of each world.
         step: [N] int64, number of scans since the start of the episode.
         table: [4096] float32 m, from :func:`noise_table`, on the device of ``ranges``.
-        max_range: Range of the sensor, m; a range at or above it is no return.
+        max_range: Range of the sensor, m; a range at or above it is not a return.
         backend: See :mod:`navrl.ops.backend`; all backends agree bit for bit.
 
     Returns:
         [N, beams] float32 m, a new tensor.
 
     Raises:
-        ValueError: If a shape or dtype is not as above; the message names it.
+        ValueError: If a shape or dtype is invalid; the message names it.
 
     Example:
         >>> clean, table = torch.tensor([[1.0, 3.5]]), noise_table("gaussian", 0.01)

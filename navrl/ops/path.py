@@ -1,4 +1,4 @@
-"""Arc-length parametrization of a global path: projection of a position, points ahead, length.
+"""Arc-length parametrization of a global path: projections, points ahead, length.
 
 A path is a polyline ``[*B, P, 2]`` in m, any frame; repeating its last point (padding) does not
 change the results. All functions are batched over ``*B``.
@@ -55,7 +55,7 @@ def project_onto_path(
         The arc length of the projection and its distance.
 
     Raises:
-        ValueError: If a shape or a length is not as above; the message names it.
+        ValueError: If a shape or a length is invalid; the message names it.
 
     Example:
         >>> path = torch.tensor([[0.0, 0.0], [4.0, 0.0]])
@@ -88,31 +88,34 @@ def project_onto_path(
     offset_x = position[..., 0, None] - path[..., :-1, 0]
     offset_y = position[..., 1, None] - path[..., :-1, 1]
     along = (offset_x * step_x + offset_y * step_y) * inverse_length  # m from the segment's start
+    window = None
     if previous_progress is None:
         along = torch.minimum(along.clamp(min=0.0), length)
     else:
-        previous_progress = torch.minimum(previous_progress, arc[..., -1]).unsqueeze(-1)
-        first, last = previous_progress - behind, previous_progress + ahead
+        previous = torch.minimum(previous_progress, arc[..., -1]).unsqueeze(-1)
+        first, last = previous - behind, previous + ahead
+        window = first, last, previous
         along = torch.maximum(along.clamp(min=0.0), first - segment_start)
         along = torch.minimum(torch.minimum(along, last - segment_start), length)
     fraction = along * inverse_length
     miss_x, miss_y = offset_x - fraction * step_x, offset_y - fraction * step_y
     squared = miss_x.square_().addcmul_(miss_y, miss_y)
-    if previous_progress is not None:
+    if window is not None:
+        first, last, previous = window
         squared = squared.masked_fill((arc[..., 1:] < first) | (segment_start > last), math.inf)
         share = torch.minimum(last - segment_start, length) * inverse_length
         end_x, end_y = offset_x - share * step_x, offset_y - share * step_y
-        is_ahead = arc[..., 1:] >= previous_progress
-        squared = _up_to_leaving(squared, end_x.square() + end_y.square(), is_ahead)
+        is_ahead = arc[..., 1:] >= previous
+        squared = _before_leaving(squared, end_x.square() + end_y.square(), is_ahead)
     squared, index = squared.min(dim=-1, keepdim=True)
     progress = arc.gather(-1, index) + along.gather(-1, index)
-    if previous_progress is not None:  # rounding must not reduce the progress below the window
-        progress = torch.maximum(progress, first)
+    if window is not None:  # rounding must not reduce the progress below the window
+        progress = torch.maximum(progress, window[0])
     progress = torch.minimum(progress, arc[..., -1:])  # nor exceed the end of the path
     return PathProjection(progress.squeeze(-1), squared.squeeze(-1).sqrt())
 
 
-def _up_to_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor:
+def _before_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor:
     """Mask squared distances to segments after the path has left the position as infinite.
 
     Args:
@@ -138,7 +141,7 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
         ``[*B, 2]`` or ``[*B, K, 2]`` m.
 
     Raises:
-        ValueError: If a shape is not as above; the message names it.
+        ValueError: If a shape is invalid; the message names it.
 
     Example:
         >>> path = torch.tensor([[0.0, 0.0], [4.0, 0.0]])
@@ -208,7 +211,7 @@ def path_length(path: Tensor) -> Tensor:
     """Return the length ``[*B]`` in m of paths ``[*B, P, 2]``.
 
     Raises:
-        ValueError: If the shape is not as above.
+        ValueError: If the shape is invalid.
 
     Example:
         >>> path_length(torch.tensor([[0.0, 0.0], [3.0, 4.0]]))

@@ -1,4 +1,4 @@
-"""Min-pooling of a lidar scan: reduce beams to a few points and retain the nearest obstacle."""
+"""Min-pooling of a lidar scan to a few points that retain the nearest obstacles."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def min_pool(
 
     The minimum is conservative: the nearest obstacle of the scan is always among the pooled points.
     A reading is a return if ``0 < r < max_range``. All other values (maximum range or more,
-    infinity, NaN, zero or less, as drivers report a miss) are no returns, so an invalid beam does
+    infinity, NaN, zero or less, as drivers report a miss) are not returns, so an invalid beam does
     not affect its neighbors.
 
     The bins cover the full circle, independent of the scanner's field of view. A bin without beams
     has no return, like a free one; :meth:`navrl.ops.scan_layout.ScanLayout.seen` distinguishes the
     two. If the scanner is not mounted at the robot's center, ranges and bearings are measured from
-    the robot's center, and points at ``max_range`` or beyond from there are no returns.
+    the robot's center, and points at ``max_range`` or beyond from there are not returns.
 
     Args:
         ranges: ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment`` counter-clockwise
@@ -68,7 +68,7 @@ def min_pool(
         The pooled scan of N points, ordered by bearing, bin 0 straight ahead.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> min_pool(torch.tensor([1.0, 2.0, 3.5, 3.5]), group_size=2).ranges
@@ -168,13 +168,13 @@ def _flat_table(layout: ScanLayout, device: torch.device) -> Tensor:
 def _directions(
     layout: ScanLayout, bearing: Bearing, dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """Return the unit vectors of the bins ``[N, 2]``, followed, if needed, by those of all beams.
+    """Return the unit vectors of the bins ``[N, 2]`` and, if needed, those of all beams.
 
     The N * M beams are ordered as in :meth:`ScanLayout.beams_by_bin`.
     """
     angle = layout.bin_centers(dtype)
-    if bearing == "beam" and layout.is_plain:
-        size = layout.group_size
+    size = layout.group_size if layout.is_plain else None
+    if bearing == "beam" and size is not None:
         offset = torch.arange(layout.num_beams).remainder(size).to(dtype) - 0.5 * (size - 1)
         each = angle.repeat_interleave(size) + offset * (TURN / layout.num_beams)
         angle = torch.cat((angle, each))

@@ -29,7 +29,7 @@ def project_ranges(
         ``[*B, N]`` m. Points that are not finite are ignored.
 
     Raises:
-        ValueError: If the shapes are not as above.
+        ValueError: If the shapes are invalid.
 
     Example:
         >>> points = torch.tensor([[1.0, 0.1], [-2.0, -0.1]])

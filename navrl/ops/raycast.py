@@ -164,9 +164,9 @@ def _cast_rays_torch(
     boxes = boxes.to(pose.dtype)
     absent = torch.arange(boxes.shape[-2], device=pose.device) >= num_boxes[..., None]
     absent = absent | boxes.isnan().any(-1)
-    centre, half, turn = boxes[..., :2], boxes[..., 2:4], boxes[..., 4]
+    center, half, turn = boxes[..., :2], boxes[..., 2:4], boxes[..., 4]
     cos, sin = torch.cos(turn), torch.sin(turn)
-    offset = pose[..., None, :2] - centre
+    offset = pose[..., None, :2] - center
     # scanner and beams in each box's frame: [*B, K, 1, 2] and [*B, K, beams, 2]
     origin = torch.stack(
         (

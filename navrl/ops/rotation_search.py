@@ -22,7 +22,7 @@ def rotation_search(
 ) -> Tensor:
     """Return the rotation at which the range profiles of two scans agree best.
 
-    A rotation on the spot shifts the ranges of a scan by whole beams, so it can be estimated before
+    A rotation in place shifts the ranges of a scan by whole beams, so it can be estimated before
     points are matched. A translation of 0.2 m changes each range by less than the cap and moves the
     best shift by a few degrees at most, which ICP then corrects.
 

@@ -34,7 +34,7 @@ class ScanLayout:
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> front = ScanLayout(num_beams=3, group_size=None, num_points=4, angle_min=-math.pi / 2,
@@ -63,21 +63,21 @@ class ScanLayout:
                 f"{covered:.3f} rad between the first and last of {self.num_beams} beams"
             )
         if self.group_size is not None:
-            self._check_groups()
+            self._check_groups(self.group_size)
 
-    def _check_groups(self) -> None:
+    def _check_groups(self, group_size: int) -> None:
         whole = round(self.revolution)
-        if abs(self.revolution - whole) > _ROUNDING or whole % self.group_size:
+        if abs(self.revolution - whole) > _ROUNDING or whole % group_size:
             raise ValueError(
-                f"group_size={self.group_size}: must divide the beams of a revolution: "
-                f"{self.revolution:.6g} beams, group_size {self.group_size}; for N bins of any "
+                f"group_size={group_size}: must divide the beams of a revolution: "
+                f"{self.revolution:.6g} beams, group_size {group_size}; for N bins of any "
                 "number of beams set group_size=None and num_points=N"
             )
-        made = whole // self.group_size
-        if self.num_points not in (None, made):
+        made = whole // group_size
+        if self.num_points is not None and self.num_points != made:
             raise ValueError(
-                f"num_points={self.num_points}: must be {made} for group_size={self.group_size} "
-                f"and {whole} beams; use a lidar of {self.num_points * self.group_size} beams or "
+                f"num_points={self.num_points}: must be {made} for group_size={group_size} "
+                f"and {whole} beams; use a lidar of {self.num_points * group_size} beams or "
                 "set group_size=None"
             )
 
@@ -94,13 +94,14 @@ class ScanLayout:
     @property
     def num_bins(self) -> int:
         """Number of bins N."""
-        if self.group_size is None:
-            return self.num_points
-        return round(self.revolution) // self.group_size
+        if self.group_size is not None:
+            return round(self.revolution) // self.group_size
+        assert self.num_points is not None  # see check_layout
+        return self.num_points
 
     @property
     def is_plain(self) -> bool:
-        """Whether consecutive beams fill the bins in order, as in simulated scans."""
+        """Return whether consecutive beams fill the bins in order, as in simulated scans."""
         full = self.group_size is not None and self.num_beams == self.num_bins * self.group_size
         return full and (*self.mount, self.angle_min) == (0.0,) * 4 and self.increment > 0.0
 
@@ -164,14 +165,21 @@ def check_layout(
 
 
 @functools.lru_cache(maxsize=64)
-def scan_layout(*arguments: object) -> ScanLayout:
+def scan_layout(
+    num_beams: int,
+    group_size: int | None = 8,
+    num_points: int | None = None,
+    angle_min: float = 0.0,
+    angle_increment: float | None = None,
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> ScanLayout:
     """Return a cached :class:`ScanLayout` of these arguments, validated once.
 
     Example:
         >>> scan_layout(1440, 8) is scan_layout(1440, 8)
         True
     """
-    return ScanLayout(*arguments)
+    return ScanLayout(num_beams, group_size, num_points, angle_min, angle_increment, mount)
 
 
 @functools.lru_cache(maxsize=64)

@@ -47,7 +47,7 @@ def steer_to(
     """Return the command that follows the circular arc to a subgoal.
 
     Applied repeatedly with a fixed subgoal, the commands stay on that arc and slow down towards its
-    end. For a subgoal behind the robot or at its position the robot rotates on the spot.
+    end. For a subgoal behind the robot or at its position the robot rotates in place.
 
     Args:
         distance: ``[*B]`` m, not negative.

@@ -46,7 +46,7 @@ def advance_pose(
 def approach_velocity(
     v: float, w: float, v_target: float, w_target: float, wheel_separation: float, limit: float
 ) -> tuple[float, float]:
-    """Return (v, w) after the rim speed of each wheel approached its target by at most ``limit``.
+    """Return (v, w) after each wheel's rim speed approached its target by at most ``limit``.
 
     With two wheels at +-separation/2 from the center, v is the mean of their rim speeds and w their
     difference divided by the separation.

@@ -27,6 +27,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from tensordict.nn import TensorDictModule
 
+from navrl.deprecation import renamed_inputs, renamed_keys
 from navrl.files import replacing, write_json, write_text
 from navrl.policies.limits import check_limits, check_weights, put_weights
 from navrl.policies.nodes import BundleError, build_node, check_nodes, reason
@@ -175,7 +176,7 @@ def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
 
 
 def _read_config(file: Path) -> dict[str, Any]:
-    config = _read(read_yaml, file)
+    config = renamed_inputs(renamed_keys(_read(read_yaml, file), is_silent=True))
     if config.get("format") != FORMAT:
         raise BundleError(f"{file}: format={config.get('format')!r}: must be {FORMAT!r}")
     missing = [part for part in _PARTS if not isinstance(config.get(part), dict)]

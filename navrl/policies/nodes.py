@@ -7,10 +7,14 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-PARTS_OF_A_POLICY = ("navrl.transforms", "navrl.networks", "navrl.sim")
+POLICY_PACKAGES = ("navrl.transforms", "navrl.networks", "navrl.sim")
 """Packages whose exports may always be built: they only compute."""
 
-_NO_PARTS = ("BatchedSimulator", "BulletSimulator", "Simulator")  # they start engines and windows
+_FORBIDDEN_PARTS = (
+    "BatchedSimulator",
+    "BulletSimulator",
+    "Simulator",
+)  # they start engines and windows
 
 
 class BundleError(ValueError):
@@ -29,7 +33,7 @@ def check_nodes(value: Any, allow: Sequence[str], place: str) -> None:
 
     Args:
         value: Plain data with nodes (``_target_`` + arguments) at any depth.
-        allow: Additional packages to :data:`PARTS_OF_A_POLICY` whose targets may be built.
+        allow: Additional packages to :data:`POLICY_PACKAGES` whose targets may be built.
         place: Name of ``value`` in messages.
 
     Raises:
@@ -81,13 +85,13 @@ def resolve(target: Any, allow: Sequence[str], place: str) -> Any:
         BundleError: If it may not be built or does not exist.
     """
     refused = (
-        f"{place}._target_={target!r}: must be exported by {', '.join(PARTS_OF_A_POLICY)}"
+        f"{place}._target_={target!r}: must be exported by {', '.join(POLICY_PACKAGES)}"
         f"{f', or be in {list(allow)}' if allow else ''}; allow its package if you trust it"
     )
-    if not isinstance(target, str) or _package(target, (*PARTS_OF_A_POLICY, *allow)) is None:
+    if not isinstance(target, str) or _package(target, (*POLICY_PACKAGES, *allow)) is None:
         raise BundleError(refused)
     module_name, _, name = target.rpartition(".")
-    if name in _NO_PARTS and _package(target, allow) is None:
+    if name in _FORBIDDEN_PARTS and _package(target, allow) is None:
         raise BundleError(refused)
     try:
         found = getattr(importlib.import_module(module_name), name)
@@ -105,7 +109,7 @@ def _package(name: str, packages: Sequence[str]) -> str | None:
 
 
 def _is_exported_part(found: Any, home: str) -> bool:
-    package = _package(home, PARTS_OF_A_POLICY)
+    package = _package(home, POLICY_PACKAGES)
     if package is None:
         return False
     return getattr(found, "__name__", None) in importlib.import_module(package).__all__

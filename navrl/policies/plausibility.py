@@ -74,7 +74,7 @@ def check_part(part: str, built: Any) -> None:
         "max_speed": (MAX_SPEED, "m/s"),
         "max_turn_rate": (MAX_TURN_RATE, "rad/s"),
     }
-    for name, (most, unit) in limits.items():
+    for name, (limit, unit) in limits.items():
         value = getattr(built, name)
-        if not abs(value) <= most:
-            raise BundleError(f"robot.{name}={value:g}: must be at most {most:.4g} {unit}")
+        if not abs(value) <= limit:
+            raise BundleError(f"robot.{name}={value:g}: must be at most {limit:.4g} {unit}")

@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDictBase
 
 from navrl import keys
+from navrl.deprecation import input_key
 from navrl.extras import install_hint
 from navrl.policies.controller import Controller
 
@@ -22,6 +23,7 @@ class Predicting(Protocol):
 
     def predict(self, observation: Any, *, deterministic: bool) -> tuple[np.ndarray, object]:
         """Return actions ``[N, C]`` for N observations, and a state, which is ignored."""
+        ...
 
 
 class PredictingPolicy(Controller):
@@ -68,7 +70,8 @@ class PredictingPolicy(Controller):
         return tensordict.set(keys.ACTION, action.to(tensordict.device))
 
     def _observed(self, tensordict: TensorDictBase, key: str) -> np.ndarray:
-        value, space = tensordict.get(key, None), self._spaces[key]
+        value = tensordict.get(input_key(key, tensordict.keys()), None)
+        space = self._spaces[key]
         if value is None:
             known = sorted(map(str, tensordict.keys()))
             raise ValueError(f"{key}: is read by the model, but must be one of {', '.join(known)}")
@@ -86,7 +89,7 @@ class StableBaselines3Policy(PredictingPolicy):
     Loading a zip runs code that is stored in it: load only files that you trust.
 
     Args:
-        file: What ``model.save`` wrote.
+        file: Zip written by ``model.save``.
         algorithm: Class in ``stable_baselines3`` that saved it, e.g. ``PPO``, ``SAC`` or ``TD3``.
 
     Raises:
@@ -98,12 +101,12 @@ class StableBaselines3Policy(PredictingPolicy):
 
     def __init__(self, file: str | Path, algorithm: str = "PPO") -> None:
         try:
-            import stable_baselines3
+            import stable_baselines3  # pyright: ignore[reportMissingImports] -- an extra
         except ImportError as error:
             hint = install_hint("clients")
             raise ImportError(f"policy: needs stable-baselines3 (MIT); {hint}") from error
         loader = getattr(stable_baselines3, algorithm, None)
-        if not hasattr(loader, "load"):
+        if loader is None or not hasattr(loader, "load"):
             raise ValueError(
                 f"algorithm={algorithm}: must be a class of stable_baselines3, e.g. PPO"
             )

@@ -1,6 +1,7 @@
 """Simulators of robots, pedestrians and lidar scans in scenarios."""
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import Delays
@@ -8,6 +9,10 @@ from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive, RobotModel
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import Contact, SimState
+
+if TYPE_CHECKING:
+    from navrl.sim.batched import BatchedSimulator
+    from navrl.sim.bullet import BulletSimulator
 
 __all__ = [
     "BatchedSimulator",

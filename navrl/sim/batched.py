@@ -19,7 +19,7 @@ from navrl.sim.crowd import PedestrianModel, step_legs
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive, RobotModel
-from navrl.sim.scenario_rows import seated
+from navrl.sim.scenario_rows import compact_pedestrians
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds.scenario import MAX_ROUTE_POINTS
@@ -138,7 +138,7 @@ class BatchedSimulator(Simulator):
         self.commands.reset(worlds)
         self.scan_memory.reset(worlds, self._scene)
         if self.pedestrians.is_reactive:
-            self.pedestrians.reset(worlds, seated(scenarios, self.max_pedestrians))
+            self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
         self._is_ready = self._is_ready or not bool(rows["pose"].isnan().any())
 
     @property
@@ -225,7 +225,7 @@ class BatchedSimulator(Simulator):
             seen["pose"],
             seen["boxes"],
         )
-        if velocities is not None:
+        if velocities is not None and before is not None:
             driven = rows["tick"] - before
             last = velocities[self._every_world, (driven - 1).clamp_min(0)]
             rows["velocity"] = torch.where(driven[:, None] > 0, last, rows["velocity"])

@@ -8,6 +8,7 @@ contacts are not computed with navrl's own geometry, so equal episodes on
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from navrl.sim.crowd import PedestrianModel, boxes_along, step_legs
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
-from navrl.sim.scenario_rows import ScenarioRows, seated
+from navrl.sim.scenario_rows import ScenarioRows, compact_pedestrians
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds import ScenarioBatch
@@ -90,17 +91,17 @@ class BulletSimulator(Simulator):
             pedestrians,
             delays,
         )
-        real, whole = {"dtype": torch.float64}, {"dtype": torch.int64}
+        num, real = self.num_worlds, torch.float64
         self._rows = {
-            "pose": torch.full((self.num_worlds, 3), torch.nan, **real),  # NaN until a reset
-            "velocity": torch.zeros(self.num_worlds, robot.command_size, **real),
-            "tick": torch.zeros(self.num_worlds, **whole),  # substeps since the reset
-            "contact": torch.zeros(self.num_worlds, **whole),
+            "pose": torch.full((num, 3), torch.nan, dtype=real),  # NaN until a reset
+            "velocity": torch.zeros(num, robot.command_size, dtype=real),
+            "tick": torch.zeros(num, dtype=torch.int64),  # substeps since the reset
+            "contact": torch.zeros(num, dtype=torch.int64),
         }
         if self.pedestrians.is_reactive:  # otherwise the tick determines their positions
-            shape = (self.num_worlds, self.max_pedestrians, 5)
-            self._rows["boxes"] = torch.full(shape, torch.nan, **real)
-        self._rests = torch.zeros(self.num_worlds, dtype=torch.bool)
+            shape = (num, self.max_pedestrians, 5)
+            self._rows["boxes"] = torch.full(shape, torch.nan, dtype=real)
+        self._skipped = torch.zeros(self.num_worlds, dtype=torch.bool)
         self._scans = torch.empty(self.num_worlds, lidar.num_beams)
         self._is_scanned = torch.zeros(self.num_worlds, dtype=torch.bool)  # saved scan is valid
         self._scenarios = ScenarioRows(self.num_worlds, self.max_pedestrians)
@@ -120,11 +121,11 @@ class BulletSimulator(Simulator):
         self._rows["pose"][worlds] = scenarios.start.double()
         for name in ("velocity", "tick", "contact"):
             self._rows[name][worlds] = 0
-        self._rests[worlds] = False
+        self._skipped[worlds] = False
         self._is_scanned[worlds] = False
         if self.pedestrians.is_reactive:
             self._rows["boxes"][worlds] = self._scripted(0, 1)[worlds, 0]
-            self.pedestrians.reset(worlds, seated(scenarios, self.max_pedestrians))
+            self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
         self.commands.reset(worlds)
         if self.scan_memory.is_used:
             self.scan_memory.reset(worlds, {"pose": self._rows["pose"], "boxes": self._boxes()})
@@ -132,19 +133,20 @@ class BulletSimulator(Simulator):
 
     def _build(self, worlds: list[int]) -> None:
         """Rebuild these scenes from the rows; rebuild all scenes when PyBullet needs a reset."""
+        client = self._check_open()
         self._num_removed += sum(len(self._scenes[world].bodies) for world in worlds)
         if self._num_removed > MAX_REMOVED_BODIES or len(worlds) == self.num_worlds:
-            self._client.resetSimulation()
+            client.resetSimulation()
             self._num_removed = 0
             for scene in self._scenes:
                 scene.forget()
             worlds = (~self._rows["pose"].isnan().any(-1)).nonzero().flatten().tolist()
         boxes = self._boxes().tolist()
-        with self._client.paused_drawing():
+        with client.paused_drawing():
             for world in sorted(worlds, key=lambda world: world * GOLDEN_RATIO % 1.0):
                 self._scenes[world].build(self._scenarios.row(world))
                 self._scenes[world].place(self._rows["pose"][world].tolist(), boxes[world])
-        if self._client.is_shown and 0 in worlds:
+        if client.is_shown and 0 in worlds:
             self._scenes[0].show()
 
     def _scripted(self, first: int, count: int) -> Tensor:
@@ -160,7 +162,7 @@ class BulletSimulator(Simulator):
         self._check_ready()
         self.check_command(command)
         older, newer = (given.tolist() for given in self.commands.push(command.detach().double()))
-        moves = (self._rows["contact"] == NONE) & ~self._rests
+        moves = (self._rows["contact"] == NONE) & ~self._skipped
         self._is_scanned &= ~moves & (not self.scan_memory.is_used)
         tracks = self._tracks()
         seen = self.scan_memory.next() if self.scan_memory.is_used else None
@@ -185,21 +187,22 @@ class BulletSimulator(Simulator):
         shares = torch.arange(self.substeps + 1, dtype=torch.float64) / self.substeps
         return boxes_along(legs, boxes, scripted, shares)
 
-    def rest(self, worlds: Tensor) -> None:
-        self._rests = worlds.cpu().clone()
+    def skip(self, worlds: Tensor) -> None:
+        self._skipped = worlds.cpu().clone()
 
     def _drive(
         self, world: int, older: list[float], newer: list[float], track: list[list[list[float]]]
-    ) -> tuple[int, list[float]]:
+    ) -> tuple[int, Sequence[float]]:
         """Advance one world by a step, or to its first contact.
 
         Returns:
             The number of executed substeps, and the pose at the time of the step's scan snapshot.
         """
         rows, scene = self._rows, self._scenes[world]
-        pose, velocity = rows["pose"][world].tolist(), rows["velocity"][world].tolist()
+        pose: Sequence[float] = rows["pose"][world].tolist()
+        velocity: Sequence[float] = rows["velocity"][world].tolist()
         first_speed, first_turn = self.commands.first_substeps
-        scanned_pose = driven = None
+        scanned_pose, driven, contact = None, 0, NONE
         for index, boxes in enumerate(track):
             if index == self.scan_memory.scanned_substep:
                 scanned_pose = pose
@@ -212,7 +215,7 @@ class BulletSimulator(Simulator):
             scene.place(pose, boxes)
             contact = scene.contact(pose, self.robot.travel_one(pose, velocity))
             if world == 0:
-                self._client.keep_pace(self.substep_s)
+                self._check_open().wait_for_real_time(self.substep_s)
             if contact != NONE:
                 break
         rows["tick"][world] += driven
@@ -277,13 +280,15 @@ class BulletSimulator(Simulator):
         self._scenarios.load_state_dict(state)
         self._rows = {name: state[name].to(rows.dtype).clone() for name, rows in self._rows.items()}
         self.load_clock_state(state)
-        self._rests.zero_()
+        self._skipped.zero_()
         self._is_scanned.zero_()
         self._build(list(range(self.num_worlds)))
 
-    def _check_open(self) -> None:
+    def _check_open(self) -> Client:
+        """Return the client of a simulator that is not closed."""
         if self._client is None:
             raise RuntimeError("the simulator is closed")
+        return self._client
 
     def _check_ready(self) -> None:
         self._check_open()

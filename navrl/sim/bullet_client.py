@@ -56,7 +56,7 @@ class Client:
         if self.is_shown:
             self.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, 1)
 
-    def keep_pace(self, duration: float) -> None:
+    def wait_for_real_time(self, duration: float) -> None:
         """Wait until ``duration`` s after the last call, if the window is shown."""
         if self.is_shown:
             now = time.monotonic()

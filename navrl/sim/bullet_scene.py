@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from torch import Tensor
 
-from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, blame
+from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, classify_contact
 from navrl.ops.raycast import beam_directions
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
@@ -30,13 +31,13 @@ CORNERS = [[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1
 FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 TRIANGLES = [corner for a, b, c, d in FACES for corner in (a, b, c, a, c, d)]
 
-WALL_COLOUR = (0.66, 0.69, 0.74, 1.0)
-PEDESTRIAN_COLOUR = (0.86, 0.44, 0.20, 1.0)
-FLOOR_COLOUR = (0.95, 0.95, 0.93, 1.0)
-PATH_COLOUR = (0.25, 0.65, 0.35, 1.0)
-HULL_COLOUR = (0.15, 0.15, 0.17, 1.0)
-PLATE_COLOUR = (0.45, 0.45, 0.50, 1.0)
-LIDAR_COLOUR = (0.10, 0.35, 0.75, 1.0)
+WALL_COLOR = (0.66, 0.69, 0.74, 1.0)
+PEDESTRIAN_COLOR = (0.86, 0.44, 0.20, 1.0)
+FLOOR_COLOR = (0.95, 0.95, 0.93, 1.0)
+PATH_COLOR = (0.25, 0.65, 0.35, 1.0)
+HULL_COLOR = (0.15, 0.15, 0.17, 1.0)
+PLATE_COLOR = (0.45, 0.45, 0.50, 1.0)
+LIDAR_COLOR = (0.10, 0.35, 0.75, 1.0)
 
 
 class Scene:
@@ -78,17 +79,17 @@ class Scene:
         self.forget()
         walls = scenario["boxes"][: scenario["num_boxes"]].tolist()
         for wall in walls:
-            body = self._box_body(wall[2], wall[3], self._wall_height, WALL_COLOUR)
+            body = self._box_body(wall[2], wall[3], self._wall_height, WALL_COLOR)
             self._move(body, wall[0], wall[1], 0.5 * self._wall_height, wall[4])
         for half in scenario["ped_half"][scenario["ped_present"]].tolist():
             self._pedestrians.append(
-                self._box_body(*half, self._pedestrian_height, PEDESTRIAN_COLOUR)
+                self._box_body(half[0], half[1], self._pedestrian_height, PEDESTRIAN_COLOR)
             )
         self._robot = self._robot_body()
         self._view = _bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
-        self._furnish(scenario)
+        self._add_surroundings(scenario)
 
-    def _box_body(self, hx: float, hy: float, height: float, colour: tuple) -> int:
+    def _box_body(self, hx: float, hy: float, height: float, color: tuple) -> int:
         client, half = self._client, [hx, hy, 0.5 * height]
         shape = client.createCollisionShape(
             client.GEOM_MESH,
@@ -97,7 +98,7 @@ class Scene:
             meshScale=half,
             flags=client.GEOM_FORCE_CONCAVE_TRIMESH,
         )
-        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=colour)
+        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=color)
         body = self._body(shape, visual)
         client.changeDynamics(body, -1, collisionMargin=0.0)
         return body
@@ -108,10 +109,10 @@ class Scene:
         shape = client.createCollisionShape(client.GEOM_CAPSULE, radius=r, height=height)
         # base, top plate and lidar, as (radius, length, z of the center, color); body at the floor
         parts = [
-            (r, 0.12, 0.06, HULL_COLOUR),
-            (0.25 * r, 0.28, 0.26, HULL_COLOUR),
-            (0.9 * r, 0.02, 0.41, PLATE_COLOUR),
-            (0.2 * r, 0.06, 0.45, LIDAR_COLOUR),
+            (r, 0.12, 0.06, HULL_COLOR),
+            (0.25 * r, 0.28, 0.26, HULL_COLOR),
+            (0.9 * r, 0.02, 0.41, PLATE_COLOR),
+            (0.2 * r, 0.06, 0.45, LIDAR_COLOR),
         ]
         visual = client.createVisualShapeArray(
             shapeTypes=[client.GEOM_CYLINDER] * len(parts),
@@ -122,17 +123,18 @@ class Scene:
         )
         return self._body(shape, visual, mass=1.0)  # not a static body, so rays ignore it
 
-    def _furnish(self, scenario: dict[str, Tensor]) -> None:
+    def _add_surroundings(self, scenario: dict[str, Tensor]) -> None:
         """Add the visual-only bodies: floor and goal."""
         client, (x, y, hx, hy) = self._client, self._view
         floor = client.createVisualShape(
-            client.GEOM_BOX, halfExtents=[hx, hy, 0.01], rgbaColor=FLOOR_COLOUR
+            client.GEOM_BOX, halfExtents=[hx, hy, 0.01], rgbaColor=FLOOR_COLOR
         )
         self._move(self._body(-1, floor), x, y, -0.01)
         goal = client.createVisualShape(
-            client.GEOM_CYLINDER, radius=0.2, length=0.02, rgbaColor=PATH_COLOUR
+            client.GEOM_CYLINDER, radius=0.2, length=0.02, rgbaColor=PATH_COLOR
         )
-        self._move(self._body(-1, goal), *scenario["goal"].tolist(), 0.01)
+        goal_x, goal_y = scenario["goal"].tolist()
+        self._move(self._body(-1, goal), goal_x, goal_y, 0.01)
         self._path = scenario["path"]
 
     def _body(self, shape: int, visual: int, mass: float = 0.0) -> int:
@@ -144,7 +146,7 @@ class Scene:
         orientation = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
         self._client.resetBasePositionAndOrientation(body, (x, y, self._floor + z), orientation)
 
-    def place(self, pose: list[float], boxes: list[list[float]]) -> None:
+    def place(self, pose: Sequence[float], boxes: list[list[float]]) -> None:
         """Move the robot to (x, y, yaw) and the pedestrians to ``boxes``."""
         x, y, yaw = pose
         self._move(self._robot, x, y, 0.0, yaw)
@@ -152,7 +154,7 @@ class Scene:
         for body, box in zip(self._pedestrians, boxes, strict=False):  # absent ones come last
             self._move(body, box[0], box[1], middle, box[4])
 
-    def contact(self, pose: list[float], travel: tuple[float, float]) -> int:
+    def contact(self, pose: Sequence[float], travel: tuple[float, float]) -> int:
         """Return the contact code of the robot at (x, y, yaw).
 
         ``travel`` is its direction of travel, world, rad, and the speed along it, m/s.
@@ -172,7 +174,7 @@ class Scene:
             if body not in self._pedestrians:
                 return STATIC
             if result != PEDESTRIAN:
-                result = blame(x, y, math.cos(heading), math.sin(heading), speed, *point)
+                result = classify_contact(x, y, math.cos(heading), math.sin(heading), speed, *point)
         return result
 
     def _touched_point(self, body: int) -> tuple[float, float] | None:
@@ -189,7 +191,7 @@ class Scene:
         )
         return hit[0][0]
 
-    def scan(self, pose: list[float]) -> np.ndarray:
+    def scan(self, pose: Sequence[float]) -> np.ndarray:
         """Return the ranges [beams] float32 m of the lidar for the robot at (x, y, yaw)."""
         (x, y, yaw), (along, across, turn) = pose, self._lidar.mount
         x += math.cos(yaw) * along - math.sin(yaw) * across
@@ -203,10 +205,13 @@ class Scene:
         ends[:, 0] = x + reach * (cos * beam_cos - sin * beam_sin)
         ends[:, 1] = y + reach * (sin * beam_cos + cos * beam_sin)
         ends[:, 2] = self._scan_height
-        start, most = (x, y, self._scan_height), self._client.MAX_RAY_INTERSECTION_BATCH_SIZE // 2
+        start, max_rays = (
+            (x, y, self._scan_height),
+            self._client.MAX_RAY_INTERSECTION_BATCH_SIZE // 2,
+        )
         fractions = []  # (half of the limit, because a full batch returns one ray less)
-        for first in range(0, len(ends), most):
-            chunk = ends[first : first + most].tolist()
+        for first in range(0, len(ends), max_rays):
+            chunk = ends[first : first + max_rays].tolist()
             hits = self._client.rayTestBatch(
                 [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=STATIC_GROUP
             )
@@ -220,7 +225,7 @@ class Scene:
         client.removeAllUserDebugItems()
         points = [(px, py, self._floor + 0.02) for px, py in self._path.tolist()]
         for begin, end in zip(points[:-1:3], points[3::3], strict=False):
-            client.addUserDebugLine(begin, end, PATH_COLOUR[:3], 2.0)
+            client.addUserDebugLine(begin, end, PATH_COLOR[:3], 2.0)
 
     def render(self, width: int, height: int) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of the scene from above."""

@@ -96,9 +96,9 @@ class CommandQueue:
             return command, command
         given = torch.cat((command[:, None], self.pending), dim=1)
         self.pending = given[:, :-1].contiguous()
-        speed, rest = self._steps
-        older = torch.cat((given[:, speed, :1], given[:, rest, 1:]), dim=-1)
-        newer = torch.cat((given[:, max(speed - 1, 0), :1], given[:, max(rest - 1, 0), 1:]), dim=-1)
+        speed, turn = self._steps
+        older = torch.cat((given[:, speed, :1], given[:, turn, 1:]), dim=-1)
+        newer = torch.cat((given[:, max(speed - 1, 0), :1], given[:, max(turn - 1, 0), 1:]), dim=-1)
         return older, newer
 
     def reset(self, worlds: Tensor) -> None:
@@ -125,7 +125,7 @@ class ScanMemory:
 
     @property
     def is_used(self) -> bool:
-        """Whether scans are older than the state."""
+        """Return whether scans are older than the state."""
         return self.num_steps > 0
 
     def reset(self, worlds: Tensor, now: dict[str, Tensor]) -> None:

@@ -14,7 +14,7 @@ from navrl.ops.scan_layout import ScanLayout
 
 
 class Lidar:
-    """A planar scanner; beam j points at ``angle_min + j angle_increment`` from the mount's x axis.
+    """Planar lidar; beam j points at ``angle_min + j angle_increment`` in the mount's frame.
 
     :meth:`beam_angles` is the source for ray casting, pooling, pictures and the runner. Nothing
     within ``max_range`` reads exactly ``max_range``. A scanner inside of a box reads 0 in every
@@ -26,9 +26,9 @@ class Lidar:
         noise: ``gaussian``, ``uniform`` or ``none``.
         noise_amplitude: Standard deviation of ``gaussian``, half width of ``uniform`` noise, m.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
-        height: of the scan plane over the floor, m; PyBullet casts its rays there.
-        angle_min: angle of beam 0, rad.
-        angle_increment: from one beam to the next, rad, negative if they are counted clockwise;
+        height: Height of the scan plane over the floor, m; PyBullet casts its rays there.
+        angle_min: Angle of beam 0, rad.
+        angle_increment: Angle between successive beams, rad, negative if counted clockwise;
             None spreads the beams evenly over a full circle, counter-clockwise.
 
     Raises:
@@ -55,14 +55,15 @@ class Lidar:
         check_positive(max_range=max_range, height=height)
         if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
             raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
-        ScanLayout(num_beams, None, 1, angle_min, angle_increment, tuple(mount))  # checks angles
+        x, y, yaw = (float(value) for value in mount)
+        self.mount = (x, y, yaw)
+        ScanLayout(num_beams, None, 1, angle_min, angle_increment, self.mount)  # checks angles
         self.num_beams = int(num_beams)
         self.angle_min = float(angle_min)
         self.angle_increment = None if angle_increment is None else float(angle_increment)
         self.max_range = float(max_range)
         self.noise = noise
         self.noise_amplitude = float(noise_amplitude)
-        self.mount = tuple(float(value) for value in mount)
         self.height = float(height)
         self._table = noise_table(noise, noise_amplitude)
 

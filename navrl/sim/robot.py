@@ -51,20 +51,20 @@ class RobotModel(ABC):
 
     def advance_one(
         self,
-        pose: tuple[float, float, float],
-        velocity: tuple[float, ...],
-        command: tuple[float, ...],
+        pose: Sequence[float],
+        velocity: Sequence[float],
+        command: Sequence[float],
         duration: float,
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return pose and velocity of one robot as numbers; see :meth:`advance`."""
-        row = (torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command))
-        pose_after, velocity_after = self.advance(*row, duration)
+        rows = [torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command)]
+        pose_after, velocity_after = self.advance(rows[0], rows[1], rows[2], duration)
         return tuple(pose_after[0].tolist()), tuple(velocity_after[0].tolist())
 
     def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return the direction of travel [*B], world, rad, and the speed along it [*B], m/s.
 
-        They classify contacts: the robot is at fault for contacts on the side it moves towards.
+        Contacts are classified by them: the robot is at fault on the side it moves towards.
         """
         return pose[..., 2], velocity[..., 0]
 
@@ -215,9 +215,9 @@ class DifferentialDrive(RobotModel):
 
     def advance_one(
         self,
-        pose: tuple[float, float, float],
-        velocity: tuple[float, float],
-        command: tuple[float, float],
+        pose: Sequence[float],
+        velocity: Sequence[float],
+        command: Sequence[float],
         duration: float,
     ) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Return pose and velocity without tensors, in a few microseconds; see :meth:`advance`."""
@@ -225,9 +225,15 @@ class DifferentialDrive(RobotModel):
         w = min(max(command[1], -self.max_turn_rate), self.max_turn_rate)
         if self.model == "wheeled":
             v, w = approach_velocity(
-                *velocity, v, w, self.wheel_separation, self.wheel_acceleration * duration
+                velocity[0],
+                velocity[1],
+                v,
+                w,
+                self.wheel_separation,
+                self.wheel_acceleration * duration,
             )
-        return advance_pose(*pose, v, w, duration), (v, w)
+        x, y, yaw = pose
+        return advance_pose(x, y, yaw, v, w, duration), (v, w)
 
     def travel_one(self, pose: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
         return pose[2], velocity[0]

@@ -28,7 +28,7 @@ class ScenarioRows:
 
     def put(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Write scenario ``i`` into row ``worlds[i]``."""
-        scenarios = seated(scenarios, self._max_pedestrians)
+        scenarios = compact_pedestrians(scenarios, self._max_pedestrians)
         if self._batch is None:
             self._batch = scenarios[torch.zeros(self._num_worlds, dtype=torch.int64)]
         width = max(self._batch.boxes.shape[1], scenarios.boxes.shape[1])
@@ -39,6 +39,7 @@ class ScenarioRows:
 
     def row(self, world: int) -> dict[str, Tensor]:
         """Return the tensors of one scenario by name."""
+        assert self._batch is not None
         return {name: rows[world] for name, rows in self._batch.tensors().items()}
 
     def pedestrians(self, times_s: Tensor) -> Tensor:
@@ -86,16 +87,16 @@ class ScenarioRows:
         self._batch = ScenarioBatch.from_tensors(tensors)
 
 
-def seated(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
+def compact_pedestrians(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
     """Move present pedestrians to the first of K rows, in order."""
     order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)[:, :max_pedestrians]
     row, count = torch.arange(len(scenarios))[:, None], order.shape[1]
     tensors = scenarios.tensors()
     for name, value in tensors.items():
         if name.startswith(("ped_", "route")):
-            seated = value.new_zeros(len(scenarios), max_pedestrians, *value.shape[2:])
-            seated[:, :count] = value[row, order]
-            tensors[name] = seated
+            rows = value.new_zeros(len(scenarios), max_pedestrians, *value.shape[2:])
+            rows[:, :count] = value[row, order]
+            tensors[name] = rows
     return ScenarioBatch.from_tensors(tensors)
 
 

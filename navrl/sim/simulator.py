@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from navrl.checks import check_positive
+from navrl.deprecation import warn
 from navrl.ops.backend import find_device
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import CommandQueue, Delays, ScanMemory
@@ -144,7 +145,7 @@ class Simulator(ABC):
             RuntimeError: If the world has not been reset yet.
         """
 
-    def rest(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
+    def skip(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
         """Mark finished worlds; a simulator may skip them until reset.
 
         Skipped worlds are frozen as after a contact and report the same scan.
@@ -152,6 +153,11 @@ class Simulator(ABC):
         Args:
             worlds: [N] bool.
         """
+
+    def rest(self, worlds: Tensor) -> None:
+        """Deprecated name of :meth:`skip`."""
+        warn("Simulator.rest", "use skip")
+        self.skip(worlds)
 
     @abstractmethod
     def state_dict(self) -> dict[str, Tensor]:
@@ -198,27 +204,27 @@ class Simulator(ABC):
             return
         inside = worlds.clamp(0, self.num_worlds - 1)
         times = worlds.new_zeros(self.num_worlds).index_add_(0, inside, torch.ones_like(worlds))
-        most = scenarios.ped_present.sum(-1).amax()
-        bad_walls = _impossible(scenarios.boxes, scenarios.num_boxes)
+        max_present = scenarios.ped_present.sum(-1).amax()
+        bad_walls = _invalid_boxes(scenarios.boxes, scenarios.num_boxes)
         verdicts = [
             (inside != worlds).any(),
             times.amax() > 1,
-            most > self.max_pedestrians,
+            max_present > self.max_pedestrians,
             ~(scenarios.start.abs() <= FARTHEST_M).all(),  # NaN too
             bad_walls.any(),
         ]
         # Transferred together, because each transfer synchronizes with the host.
-        outside, repeated, crowded, nowhere, impossible = torch.stack(verdicts).tolist()
+        outside, repeated, crowded, far, impossible = torch.stack(verdicts).tolist()
         if outside:
             raise ValueError(f"worlds: must be within 0..{self.num_worlds - 1}")
         if repeated:
             raise ValueError("worlds: must be distinct")
         if crowded:
             raise ValueError(
-                f"max_pedestrians={self.max_pedestrians}: must be at least {int(most)}, the "
+                f"max_pedestrians={self.max_pedestrians}: must be at least {int(max_present)}, the "
                 "pedestrians of a scenario"
             )
-        if nowhere:
+        if far:
             raise ValueError(
                 f"scenarios.start: must be finite and within {FARTHEST_M:.0f} m of the origin, "
                 "because poses are float32; shift the scenario"
@@ -273,7 +279,7 @@ class Simulator(ABC):
         return
 
 
-def _impossible(boxes: Tensor, num_boxes: Tensor) -> Tensor:
+def _invalid_boxes(boxes: Tensor, num_boxes: Tensor) -> Tensor:
     """Return [M, W] bool, which of the first ``num_boxes`` [M] boxes [M, W, 5] are invalid."""
     is_wall = torch.arange(boxes.shape[1], device=boxes.device) < num_boxes[:, None]
     return is_wall & ~(torch.isfinite(boxes).all(-1) & (boxes[..., 2:4] >= 0.0).all(-1))

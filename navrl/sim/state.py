@@ -7,24 +7,25 @@ from enum import IntEnum
 
 from torch import Tensor
 
+from navrl.deprecation import RenamedMembers
 from navrl.ops import contact
 
 
-class Contact(IntEnum):
+class Contact(IntEnum, metaclass=RenamedMembers):
     """Contact codes, which distinguish the at-fault party.
 
     A contact is classified at the first substep at which the disc of the robot touches a box
     (distance <= 0). A wall has priority over a pedestrian in the same substep. A contact with a
     pedestrian is ``PEDESTRIAN`` (robot at fault) if the robot drives faster than
     :data:`navrl.ops.contact.MOVING_SPEED` and the pedestrian's nearest point lies on the side it
-    moves towards, else ``RUN_INTO`` (pedestrian at fault). Among several pedestrians in the same
-    substep, ``PEDESTRIAN`` has priority over ``RUN_INTO``.
+    moves towards, else ``HIT_BY_PEDESTRIAN`` (pedestrian at fault). Among several pedestrians in
+    the same substep, ``PEDESTRIAN`` has priority over ``HIT_BY_PEDESTRIAN``.
     """
 
     NONE = contact.NONE
     STATIC = contact.STATIC  # contact with a wall or a piece of furniture
     PEDESTRIAN = contact.PEDESTRIAN  # the robot moved into a walking or stationary pedestrian
-    RUN_INTO = contact.RUN_INTO  # a pedestrian moved into the robot
+    HIT_BY_PEDESTRIAN = contact.HIT_BY_PEDESTRIAN  # a pedestrian moved into the robot
 
 
 @dataclass

@@ -66,6 +66,7 @@ class Behaviour:
 
     def _guide_action(self, tensordict: TensorDictBase, last: Tensor | None) -> Tensor:
         """Return the guide's action ``[G, C]``; it reads its last action, not the actor's next."""
+        assert self.guide is not None  # a share is guided
         if last is None:
             return self.guide(tensordict.exclude(keys.ACTION)).get(keys.ACTION)
         return self.guide(tensordict.set(keys.ACTION, last[: len(tensordict)])).get(keys.ACTION)

@@ -42,11 +42,11 @@ class CheckpointStore:
 
     @property
     def exists(self) -> bool:
-        """Whether there is a checkpoint to resume from."""
+        """Return whether there is a checkpoint to resume from."""
         return self._file.is_file()
 
     def check_new(self, log: Path) -> None:
-        """Check that a run without a state file is new, i.e. has not lost the file.
+        """Check that a run without a state file is new, i.e. its state file is not missing.
 
         Args:
             log: File that a run writes only after its first checkpoint.

@@ -14,6 +14,7 @@ from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.envs.transformed import base_env
 from navrl.ops.kernels.threads import torch_on_one_thread
 from navrl.training.behaviour import Behaviour
 
@@ -67,9 +68,11 @@ class Collector(Protocol):
             Index of the stream and its transitions. Consecutive steps of a stream come from the
             same worlds, row by row.
         """
+        ...
 
     def state_dict(self) -> dict:
         """Return the entries of a checkpoint."""
+        ...
 
     def load_state_dict(self, state: Mapping) -> None:
         """Restore the entries of :meth:`state_dict`; other entries of ``state`` are ignored."""
@@ -104,7 +107,7 @@ class DirectCollector:
 
     def set_max_dynamic(self, max_dynamic: int) -> None:
         """Set the largest number of dynamic pedestrians in new episodes."""
-        self.env.base_env.max_dynamic = max_dynamic
+        base_env(self.env).max_dynamic = max_dynamic
 
     def step(self, frames: int, phases: Phases) -> tuple[int, TensorDictBase]:
         """Step every world once."""
@@ -119,14 +122,14 @@ class DirectCollector:
     def state_dict(self) -> dict:
         """Return the state of every world and the last observation."""
         return {
-            "environment": self.env.base_env.episode_state(),
+            "environment": base_env(self.env).episode_state(),
             "carrier": self._carrier.to_dict(),
         }
 
     def load_state_dict(self, state: Mapping) -> None:
         """Restore every world and the last observation."""
         self.env.reset()
-        self.env.base_env.load_episode_state(state["environment"])
+        base_env(self.env).load_episode_state(state["environment"])
         carrier = TensorDict(state["carrier"], self.env.batch_size)
         self._carrier = carrier.to(self.env.device)
 

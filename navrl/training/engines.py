@@ -7,6 +7,7 @@ import os
 import socket
 import sys
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from torchrl.collectors import BaseCollector, MultiAsyncCollector, MultiSyncCollector
@@ -16,7 +17,7 @@ from navrl.training.replay import Compact
 from navrl.training.worker import WorkerBatch, WorkerCollector, WorkerEnv
 from navrl.training.workers import WorkersCollector
 
-_ENDLESS = sys.maxsize  # frames; TorchRL's collectors stop at a total count
+_UNLIMITED = sys.maxsize  # frames; TorchRL's collectors stop at a total count
 
 
 class ProcessCollector(WorkersCollector):
@@ -59,7 +60,7 @@ class RayCollector(WorkersCollector):
         ValueError: If Ray is not installed.
     """
 
-    def __init__(self, *args: object, address: str | None = None, **kwargs: object) -> None:
+    def __init__(self, *args: Any, address: str | None = None, **kwargs: Any) -> None:
         _require("ray", "collector=ray", "ray")
         super().__init__(*args, **kwargs)
         self.address = address
@@ -71,7 +72,7 @@ class RayCollector(WorkersCollector):
             envs,
             self.policy,
             frames_per_batch=self.frames_per_batch,
-            total_frames=_ENDLESS,
+            total_frames=_UNLIMITED,
             sync=self.sync,
             trust_policy=True,
             ray_init_config=self._ray_config(),
@@ -107,12 +108,12 @@ class DistributedCollector(WorkersCollector):
 
     def __init__(
         self,
-        *args: object,
+        *args: Any,
         launcher: str = "mp",
         backend: str = "gloo",
         port: int | None = None,
         slurm: Mapping[str, object] | None = None,
-        **kwargs: object,
+        **kwargs: Any,
     ) -> None:
         if launcher not in ("mp", "submitit"):
             raise ValueError(f"launcher={launcher!r}: must be one of ['mp', 'submitit']")
@@ -129,7 +130,7 @@ class DistributedCollector(WorkersCollector):
             envs,
             self.policy,
             frames_per_batch=self.frames_per_batch,
-            total_frames=_ENDLESS,
+            total_frames=_UNLIMITED,
             sync=self.sync,
             backend=self.backend,
             launcher=self.launcher,

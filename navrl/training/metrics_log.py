@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from torch.utils.tensorboard import SummaryWriter
@@ -102,7 +102,7 @@ class MetricsLog:
         with replacing(self._file) as file:
             file.write(self._csv([header, *rows]).encode())
 
-    def _csv(self, rows: list[dict[str, object]]) -> str:
+    def _csv(self, rows: Sequence[Mapping[str, object]]) -> str:
         text = io.StringIO(newline="")
         csv.DictWriter(text, self._columns).writerows(rows)
         return text.getvalue()

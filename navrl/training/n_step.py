@@ -12,9 +12,10 @@ class NStepReturn:
     """Combine single steps to transitions over up to ``num_steps``, incrementally.
 
     A step is delayed until ``num_steps - 1`` later steps are known. Its reward is then the
-    discounted sum up to the horizon or the end of its episode, whichever is first, and ``next`` the
-    state after the last of them. Rewards propagate ``num_steps`` times as fast through bootstrapped
-    values. The returns are those of the behavior policy, without off-policy correction.
+    discounted sum up to the horizon or, if earlier, the end of its episode, and ``next`` the state
+    after the last of these steps. Rewards propagate ``num_steps`` times as fast through
+    bootstrapped values. The returns are those of the behavior policy, without off-policy
+    correction.
 
     Args:
         num_steps: Horizon; 1 returns every step unchanged and without delay.
@@ -63,8 +64,8 @@ class NStepReturn:
         return self._fold(oldest, self._window)
 
     def _fold(self, first: TensorDictBase, later: list[TensorDictBase]) -> TensorDictBase:
-        following = first["next"].clone()
-        reward, done = following["reward"].clone(), following["done"].clone()
+        following = first.get("next").clone()
+        reward, done = following.get("reward").clone(), following.get("done").clone()
         steps = torch.ones_like(reward)
         for power, step in enumerate(later, start=1):
             running = ~done
@@ -72,7 +73,7 @@ class NStepReturn:
             steps = steps + running
             following = torch.where(running.squeeze(-1), step["next"], following)
             done = done | step["next", "done"]
-        following["reward"] = reward
+        following.set("reward", reward)
         return first.clone(False).update({"next": following, STEPS: steps})
 
     def state_dict(self) -> list[dict]:

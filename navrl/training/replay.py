@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -99,8 +100,7 @@ class Replay:
         self._n_step = partial(NStepReturn, num_steps, gamma)
         self._streams: dict[int, NStepReturn] = {0: self._n_step()}
         self.device = find_device(device)
-        storage = LazyTensorStorage(capacity, device=self.device)
-        self._buffer = ReplayBuffer(storage=storage)
+        self._buffer = ReplayBuffer(storage=LazyTensorStorage(capacity, device=self.device))
         self.written = 0
         self._journaled = 0
         self._chunks: list[tuple[int, int, str]] = []  # first row, end row (exclusive), SHA-256
@@ -133,7 +133,7 @@ class Replay:
         shape = (count, self.batch_size)
         return rows.apply(lambda value: _float(value).unflatten(0, shape), batch_size=shape)
 
-    def forget_held_back(self) -> None:
+    def discard_pending(self) -> None:
         """Discard pending steps of n-step returns whose episodes are not continued."""
         self._streams = {}
 
@@ -178,7 +178,7 @@ class Replay:
             if file not in kept:
                 file.unlink()
 
-    def load(self, folder: Path, state: dict[str, object]) -> None:
+    def load(self, folder: Path, state: Mapping[str, Any]) -> None:
         """Restore the buffer with all rows at their original positions.
 
         Raises:

@@ -80,7 +80,7 @@ class Trainer:
         self.progress = Progress()
         self._window = Window()
         self._ended: torch.Tensor | int = 0  # ended episodes not yet added to the counter
-        self._log: MetricsLog | None = None
+        self._log: MetricsLog  # made by run()
         self._signals = StopSignals()
 
     def run(self) -> Progress:
@@ -145,6 +145,7 @@ class Trainer:
         except StopRequested:
             self._save()
             done = f"{progress.frames} of {schedule.total_frames} frames"
+            assert self._signals.received is not None
             raise TrainingStoppedError(self._signals.received, done, self.folder) from None
 
     def _updates_due(self) -> float:
@@ -277,7 +278,7 @@ class Trainer:
         self.replay.load(self.checkpoints.journal, state["replay"])
         self.collector.load_state_dict(state)
         if not self.collector.resumes_episodes:
-            self.replay.forget_held_back()
+            self.replay.discard_pending()
         if "window" in state:
             self._window = Window.from_state(state["window"])
         else:  # an older checkpoint without these keys, always saved after a due evaluation

@@ -27,7 +27,7 @@ class Window:
 
     def add_step(self, following: TensorDictBase) -> torch.Tensor:
         """Add the results of one step of ``[M]`` worlds; return the number of ended episodes."""
-        for name, term in following[keys.REWARD_TERMS].items():
+        for name, term in following.get(keys.REWARD_TERMS).items():
             self.terms[name] = self.terms[name] + term.sum().double()
         ended = _count_outcomes(following)
         self.outcomes = ended + torch.as_tensor(self.outcomes, device=ended.device)
@@ -82,5 +82,5 @@ class Window:
 
 def _count_outcomes(following: TensorDictBase) -> torch.Tensor:
     """Return the number of episodes that ended at this step by outcome, ``[outcomes]`` int64."""
-    outcome, done = following[keys.OUTCOME].flatten(), following["done"].flatten()
+    outcome, done = (following.get(key).flatten() for key in (keys.OUTCOME, "done"))
     return outcome.new_zeros(len(Outcome)).index_add_(0, outcome, done.to(outcome.dtype))

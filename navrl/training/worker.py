@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
 from torchrl.collectors import Collector as TorchRLCollector
 from torchrl.envs import InitTracker, Transform, TransformedEnv
 
@@ -18,7 +20,7 @@ from navrl.training.behaviour import Behaviour
 from navrl.training.collectors import forget_last_action
 from navrl.training.replay import Compact
 
-_BEGINS = "is_init"  # [N, 1] bool: the first step of an episode
+_IS_INIT = "is_init"  # [N, 1] bool: the first step of an episode
 
 
 class WorkerPolicy(TensorDictModuleBase):
@@ -32,12 +34,15 @@ class WorkerPolicy(TensorDictModuleBase):
             copy is on the CPU, where workers act, independent of the device of the learner.
     """
 
+    frames: Tensor
+    max_dynamic: Tensor
+
     def __init__(self, behaviour: Behaviour) -> None:
         super().__init__()
         self._source = [behaviour.actor]  # in a list, so that it is not registered as a submodule
         self.behaviour = deepcopy(behaviour)
         self.actor = self.behaviour.actor.requires_grad_(False).cpu()
-        self.in_keys, self.out_keys = list(self.actor.in_keys), [keys.ACTION, keys.MAX_DYNAMIC]
+        self.in_keys, self.out_keys = [*self.actor.in_keys], [keys.ACTION, keys.MAX_DYNAMIC]
         self.register_buffer("frames", torch.zeros((), dtype=torch.int64))
         self.register_buffer("max_dynamic", torch.zeros((), dtype=torch.int64))
 
@@ -58,7 +63,7 @@ class WorkerPolicy(TensorDictModuleBase):
         """Write the action, and the level for the environment to take."""
         last = tensordict.get(keys.ACTION, None)
         if last is not None:  # of the episode before, or zeros that the collector begins with
-            forget_last_action(tensordict, tensordict.get(_BEGINS))
+            forget_last_action(tensordict, tensordict.get(_IS_INIT))
         level = self.max_dynamic.expand(*tensordict.batch_size, 1)
         tensordict.set(keys.MAX_DYNAMIC, level.clone())
         return self.behaviour.act(tensordict, int(self.frames))
@@ -109,7 +114,7 @@ class WorkerEnv:
         env = self.make_env(self.seed)
         env.base_env.max_dynamic = self.max_dynamic
         env.append_transform(CurriculumLevel())
-        env.append_transform(InitTracker(init_key=_BEGINS))
+        env.append_transform(InitTracker(init_key=_IS_INIT))
         return env
 
 
@@ -147,7 +152,7 @@ class WorkerCollector:
     def __init__(self, compact: Compact) -> None:
         self.compact = compact
 
-    def __call__(self, *args: object, worker_idx: int, **kwargs: object) -> TorchRLCollector:
+    def __call__(self, *args: Any, worker_idx: int, **kwargs: Any) -> TorchRLCollector:
         """Build the collector of one worker process."""
         kwargs["postproc"] = WorkerBatch(self.compact, worker_idx)
         return TorchRLCollector(*args, worker_idx=worker_idx, **kwargs)

@@ -99,10 +99,10 @@ class WorkersCollector(ABC):
         envs = [
             WorkerEnv(self.make_env, seed, self.threads_per_worker, max_dynamic) for seed in seeds
         ]
-        with _undisturbed(), shielded_children():
-            self._workers = self._launch(envs)
+        with _isolated_state(), shielded_children():
+            workers = self._workers = self._launch(envs)
         self._push(frames, None)
-        self._batches = iter(self._workers)
+        self._batches = iter(workers)
 
     def set_max_dynamic(self, max_dynamic: int) -> None:
         """Set the level, which each worker receives with the next weights."""
@@ -121,6 +121,7 @@ class WorkersCollector(ABC):
 
     def _next(self) -> TensorDictBase:
         try:
+            assert self._batches is not None  # see start
             return next(self._batches)
         except Exception as error:  # each engine has its own
             raise RuntimeError(
@@ -130,7 +131,7 @@ class WorkersCollector(ABC):
     def _take(self, batch: TensorDictBase) -> None:
         """Split a batch ``[N, T]`` of one worker or ``[W, N, T]`` of all workers into steps."""
         for part in batch.unbind(0) if batch.ndim == 3 else (batch,):
-            worker = int(part[keys.WORKER].flatten()[0])
+            worker = int(part.get(keys.WORKER).flatten()[0])
             self._steps.extend((worker, step) for step in part.unbind(1))
             self._received[worker] += 1
             if self._received[worker] % self.push_every_batches == 0:
@@ -138,6 +139,7 @@ class WorkersCollector(ABC):
 
     def _push(self, frames: int, workers: list[int] | None) -> None:
         """Send the newest weights to some workers, or to all."""
+        assert self._workers is not None  # see start
         weights = self.policy.refresh(frames, self.max_dynamic)
         self._workers.update_policy_weights_(weights, worker_ids=workers)
 
@@ -153,12 +155,12 @@ class WorkersCollector(ABC):
         """End the workers."""
         workers, self._workers, self._batches = self._workers, None, None
         if workers is not None:
-            with _undisturbed():
+            with _isolated_state():
                 workers.shutdown()
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _isolated_state() -> Iterator[None]:
     """Restore threads and random state of the learner, which TorchRL's collectors change."""
     threads = torch.get_num_threads()
     try:

@@ -6,10 +6,17 @@ from collections.abc import Sequence
 
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite
+from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform
 
-from navrl.transforms.observation_map import Keys, nested_keys, read, read_spec
+from navrl.transforms.observation_map import (
+    Keys,
+    cloned,
+    nested_keys,
+    observed_specs,
+    read,
+    read_spec,
+)
 
 
 class ActionMap(Transform):
@@ -57,8 +64,8 @@ class ActionMap(Transform):
         seen = (read(self, tensordict, key) for key in self.scan_keys)
         return tensordict.set(self.in_keys_inv[0], self.command(action, *seen))
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return tensordict
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return next_tensordict
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -69,15 +76,15 @@ class ActionMap(Transform):
         """Return stored data unchanged, because it holds the policy's own action."""
         return tensordict
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Add the scan keys to the state spec, because a step reads them.
 
         Raises:
             ValueError: If the environment lacks a key or its action is not (v, w).
         """
-        input_spec = input_spec.clone()
+        input_spec = cloned(input_spec)
         for key in self.scan_keys:
-            spec = read_spec(self, self.parent.full_observation_spec, key)
+            spec = read_spec(self, observed_specs(self), key)
             input_spec["full_state_spec"][key] = spec.clone()
         command = read_spec(self, input_spec["full_action_spec"], self.in_keys_inv[0])
         if command.shape[-1:] != (2,):

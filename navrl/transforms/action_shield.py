@@ -10,6 +10,7 @@ from torch import Tensor
 
 from navrl import keys
 from navrl.checks import check_positive
+from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap
@@ -17,22 +18,22 @@ from navrl.transforms.observation_map import Keys
 
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
 _MAX_TIMES = 100
-_SAME_ROOM = 1e-3
-"""Clearances that differ by less than this are equal, m; far below the noise of a range."""
+_TOLERANCE = 1e-3
+"""Distances that differ by less than this are equal, m; far below the noise of a range."""
 
 
 class ActionShield(ActionMap):
     """Replace a command that leads to a collision by the most similar one that does not.
 
     A command is simulated for ``horizon``, while points of the scan stay in place or move with the
-    velocity of their descriptor. The clearance of a command is the smallest distance between the
-    hull and a point over the checked times, including the present. A command with more clearance
-    than ``margin`` passes unchanged. Otherwise it is replaced by the most similar command of a grid
-    with more clearance than ``margin``, where similarity is the difference in units of the limits'
-    ranges. If there is none, the command with the largest clearance is selected, and among ties
-    the most similar one; the original command is a candidate too. No command has more clearance
-    than the present position, so beside a wall within ``margin`` a stop command is retained, unless
-    a point is predicted to approach.
+    velocity of their descriptor. At each checked time a point that approaches the robot's present
+    position must be ``margin`` away from the hull. The other points must be that far too, or, where
+    the nearest of them is within ``margin`` already, no nearer than it is now. A command that
+    satisfies this passes unchanged. Otherwise it is replaced by the most similar command of a grid
+    that does, where similarity is the difference in units of the limits' ranges. If there is none,
+    the command that misses the required distances by least is selected, and among ties the most
+    similar one; the original command is a candidate too. So beside a wall a stop command is kept,
+    and a pedestrian who walks up to the robot is evaded.
 
     The action is (v, w) on both sides. The shield reads no privileged state and gives no guarantee:
     the robot can still hit an occluded obstacle or a pedestrian who changes direction.
@@ -44,12 +45,13 @@ class ActionShield(ActionMap):
         max_turn_rate: Largest turn rate of the robot, rad/s.
         time_step: Time between two scans, s.
         horizon: Time for which a command is simulated, s.
-        checks_per_step: Number of checked times in each time step; the present is checked too.
+        checks_per_step: Number of checked times in each time step.
         margin: Required clearance between hull and points, m.
         num_speeds: Number of speeds of the grid.
         num_turn_rates: Number of turn rates of the grid; odd, so that zero is one of them.
-        least_speed: Slower descriptors are treated as stationary, m/s; noise of scan and alignment.
-        most_speed: Faster descriptors are treated as mismatches, m/s.
+        min_descriptor_speed: Slower descriptors are treated as stationary, m/s; their motion is
+            noise of scan and alignment.
+        max_descriptor_speed: Faster descriptors are treated as mismatches, m/s.
         group_radius: Radius around a moving centroid within which points move with it, m.
         scan_keys: Points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]`` bool, descriptors
             ``[*B, G, 4]`` m and validity of their halves ``[*B, G, 2]`` bool, at the time of the
@@ -73,6 +75,9 @@ class ActionShield(ActionMap):
         (Fox et al. 1997) among points that move with their TAGDs.
     """
 
+    _grid: Tensor
+
+    @renamed_arguments(least_speed="min_descriptor_speed", most_speed="max_descriptor_speed")
     def __init__(
         self,
         radius: float = 0.178,
@@ -85,8 +90,8 @@ class ActionShield(ActionMap):
         margin: float = 0.03,
         num_speeds: int = 11,
         num_turn_rates: int = 25,
-        least_speed: float = 0.3,
-        most_speed: float = 1.5,
+        min_descriptor_speed: float = 0.3,
+        max_descriptor_speed: float = 1.5,
         group_radius: float = 0.3,
         scan_keys: Keys = (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
         action_key: NestedKey | list[str] = keys.ACTION,
@@ -105,16 +110,17 @@ class ActionShield(ActionMap):
                 f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
                 "must satisfy min_speed < max_speed"
             )
-        if not 0.0 < least_speed < most_speed:
+        if not 0.0 < min_descriptor_speed < max_descriptor_speed:
             raise ValueError(
-                f"least_speed={least_speed}, most_speed={most_speed}: "
-                "must satisfy 0 < least_speed < most_speed"
+                f"min_descriptor_speed={min_descriptor_speed}, "
+                f"max_descriptor_speed={max_descriptor_speed}: "
+                "must satisfy 0 < min_descriptor_speed < max_descriptor_speed"
             )
         count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
-        self.speed_range = (least_speed, most_speed)
+        self.speed_range = (min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
-        self.times = [horizon * k / count for k in range(count + 1)]
+        self.times = [horizon * (k + 1) / count for k in range(count)]
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
         self.register_buffer("_grid", grid, persistent=False)
         self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
@@ -135,41 +141,56 @@ class ActionShield(ActionMap):
         self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
     ) -> Tensor:
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
-        least, most = (speed * self.time_step for speed in self.speed_range)
+        smallest, largest = (speed * self.time_step for speed in self.speed_range)
         motion = point_motion(
-            points, tagd.float(), valid, least=least, most=most, group_radius=self.group_radius
+            points,
+            tagd.float(),
+            valid,
+            min_displacement=smallest,
+            max_displacement=largest,
+            group_radius=self.group_radius,
         )
-        blocked = self._room(command.unsqueeze(1), points, motion)[:, 0] <= self.margin
+        required = self._required(points, motion)
+        blocked = self._spare(command.unsqueeze(1), points, motion, required)[:, 0] <= 0.0
         rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
         if not len(rows):
             return command
-        instead = self._most_similar(command[rows], points[rows], motion[rows])
+        instead = self._most_similar(command[rows], points[rows], motion[rows], required[rows])
         return command.index_put((rows,), instead)
 
-    def _most_similar(self, command: Tensor, points: Tensor, motion: Tensor) -> Tensor:
+    def _required(self, points: Tensor, motion: Tensor) -> Tensor:
+        """Return the required distance of each point from the robot's center, ``[N, P]`` m."""
+        clear = self.radius + self.margin
+        approaches = (points * motion).sum(-1) < 0.0
+        present = torch.where(approaches, FAR, points.norm(dim=-1)).amin(-1, keepdim=True)
+        return torch.where(approaches, clear, (present - _TOLERANCE).clamp_max(clear))
+
+    def _most_similar(
+        self, command: Tensor, points: Tensor, motion: Tensor, required: Tensor
+    ) -> Tensor:
         """Return the most similar allowed command for each command, ``[R, 2]``."""
         grid = self._grid.to(command).expand(len(command), -1, -1)
         candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
-        room = self._room(candidates, points, motion)
-        most = room.amax(-1, keepdim=True)
-        enough = torch.where(most > self.margin, self.margin, most - _SAME_ROOM)
+        spare = self._spare(candidates, points, motion, required)
+        largest = spare.amax(-1, keepdim=True)
+        enough = torch.where(largest > 0.0, 0.0, largest - _TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
-        nearest = torch.where(room > enough, change.square().sum(-1), math.inf).argmin(-1)
+        nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
         return candidates[torch.arange(len(command), device=command.device), nearest]
 
-    def _room(self, commands: Tensor, points: Tensor, motion: Tensor) -> Tensor:
-        """Return the smallest distance between hull and points over the horizon, ``[N, S]`` m."""
+    def _spare(self, commands: Tensor, points: Tensor, motion: Tensor, required: Tensor) -> Tensor:
+        """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
         times = commands.new_tensor(self.times)
         driven = commands.unsqueeze(-2) * times.unsqueeze(-1)  # m and rad from the present pose
         places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
         steps = [time / self.time_step for time in self.times]
-        return room_along(places, points, motion, steps).amin(-1) - self.radius
+        return room_along(places, points, motion, steps, required).amin(-1)
 
 
 def _check_sizes(
     horizon: float, time_step: float, checks_per_step: int, num_speeds: int, num_turn_rates: int
 ) -> int:
-    """Return the number of checked times after now, before anything of that size is allocated.
+    """Return the number of checked times, before anything of that size is allocated.
 
     Raises:
         ValueError: If there are too many times or commands.

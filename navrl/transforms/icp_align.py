@@ -37,7 +37,7 @@ class ICPAlign(ObservationMap):
             convergence ``[*B, 1]`` bool, number of matched pairs ``[*B, 1]`` int64.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> scan = torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]).repeat(1, 4, 1)
@@ -139,5 +139,5 @@ class ICPAlign(ObservationMap):
             real_spec(points, *previous_points.shape),
             real_spec(points, *batch, 3),
             flag_spec(points, *batch, 1),
-            Unbounded((*batch, 1), dtype=torch.int64, device=points.device),
+            Unbounded(torch.Size((*batch, 1)), dtype=torch.int64, device=points.device),
         )

@@ -46,7 +46,7 @@ class MinPool(ObservationMap):
             returns ``[*B, N]`` bool; optionally the covered bins ``[*B, N]`` bool.
 
     Raises:
-        ValueError: If an argument is not as above, or if ``group_size`` does not divide the
+        ValueError: If an argument is invalid, or if ``group_size`` does not divide the
             environment's number of beams or results in another number of points.
 
     Example:
@@ -79,7 +79,8 @@ class MinPool(ObservationMap):
         check_pooling(max_range, bearing)
         check_layout(group_size, num_points, angle_min, angle_increment, mount)
         self.group_size, self.num_points = group_size, num_points
-        self.max_range, self.bearing = max_range, bearing
+        self.max_range = max_range
+        self.bearing: Bearing = bearing
         self.angle_min, self.angle_increment = angle_min, angle_increment
         self.mount = tuple(float(value) for value in mount)
 
@@ -119,12 +120,12 @@ class MinPool(ObservationMap):
             num_points = self._checked_bins(ranges.shape[-1])
         except ValueError as error:
             raise ValueError(f"MinPool on key {self.in_keys[0]!r}: {error}") from None
-        shape = (*ranges.shape[:-1], num_points)
+        shape = torch.Size((*ranges.shape[:-1], num_points))
         kind = {"dtype": torch.float32, "device": ranges.device}
         flags = [flag_spec(ranges, *shape) for _ in self.out_keys[2:]]
         return (
             Bounded(0.0, self.max_range, shape, **kind),
-            Bounded(-self.max_range, self.max_range, (*shape, 2), **kind),
+            Bounded(-self.max_range, self.max_range, torch.Size((*shape, 2)), **kind),
             *flags,
         )
 

@@ -26,7 +26,7 @@ class Normalize(ObservationMap):
         ValueError: If the scale is not positive or the numbers of keys differ.
 
     Example:
-        >>> normalize = Normalize(scale=3.5, in_keys=["goal_position"], out_keys=["goal"])
+        >>> normalize = Normalize(scale=3.5, in_keys=["goal_position"], out_keys=["goal_scaled"])
         >>> normalize(goal_position=torch.tensor([[3.5, -7.0]]))
         tensor([[ 1., -2.]])
 
@@ -38,7 +38,7 @@ class Normalize(ObservationMap):
         self,
         scale: float = 3.5,
         in_keys: Keys = (keys.POINTS, keys.TAGD, keys.WAYPOINTS),
-        out_keys: Keys = (keys.SPATIAL_INPUT, keys.TEMPORAL_INPUT, keys.WAYPOINT_INPUT),
+        out_keys: Keys = (keys.SPATIAL_INPUT, keys.TEMPORAL_INPUT, keys.WAYPOINTS_SCALED),
     ) -> None:
         self.INPUTS = tuple(map(str, nested_keys(in_keys)))
         self.OUTPUTS = self.INPUTS
@@ -58,6 +58,6 @@ class Normalize(ObservationMap):
     def _scaled(self, spec: TensorSpec) -> TensorSpec:
         kind = {"dtype": torch.float32, "device": spec.device}
         if isinstance(spec, Bounded):
-            low, high = spec.space.low.float(), spec.space.high.float()
+            low, high = spec.low.float(), spec.high.float()
             return Bounded(low / self.scale, high / self.scale, spec.shape, **kind)
         return Unbounded(spec.shape, **kind)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -56,13 +57,14 @@ class ObservationMap(Transform):
         _check_count(name, "in_keys", self.in_keys, self.INPUTS, self.OPTIONAL_INPUTS)
         _check_count(name, "out_keys", self.out_keys, self.OUTPUTS, self.OPTIONAL_OUTPUTS)
 
+    # Subclasses name their inputs; type checkers accept that as an override only of Any.
     @abstractmethod
-    def map_values(self, *inputs: Tensor) -> Sequence[Tensor]:
-        """Return one new tensor per output key."""
+    def map_values(self, *inputs: Any, **named: Any) -> Sequence[Tensor]:
+        """Return one new tensor per output key, given one tensor per input key."""
 
     @abstractmethod
-    def map_specs(self, *inputs: TensorSpec) -> Sequence[TensorSpec]:
-        """Return one spec per output key.
+    def map_specs(self, *inputs: Any, **named: Any) -> Sequence[TensorSpec]:
+        """Return one spec per output key, given one spec per input key.
 
         Raises:
             ValueError: If the input specs do not match the transform.
@@ -76,21 +78,21 @@ class ObservationMap(Transform):
             self._call(tensordict["next"])
         return tensordict
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        inputs = [read(self, tensordict, key) for key in self.in_keys]
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        inputs = [read(self, next_tensordict, key) for key in self.in_keys]
         for key, value in zip(self.out_keys, self.map_values(*inputs), strict=True):
-            tensordict.set(key, value)
-        return tensordict
+            next_tensordict.set(key, value)
+        return next_tensordict
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         return map_reset_rows(self, tensordict, tensordict_reset)
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the outputs to those of the environment."""
+        observation_spec = cloned(observation_spec)
         inputs = [read_spec(self, observation_spec, key) for key in self.in_keys]
-        observation_spec = observation_spec.clone()
         for key, spec in zip(self.out_keys, self.map_specs(*inputs), strict=True):
             observation_spec[key] = spec
         return observation_spec
@@ -99,17 +101,18 @@ class ObservationMap(Transform):
 def map_reset_rows(
     transform: Transform, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
 ) -> TensorDictBase:
-    """Apply a transform's ``_call`` to the rows that were reset; the others keep present values.
+    """Apply a transform's ``_call`` to the rows that were reset and to no others.
 
-    TorchRL throws the other rows of a partial reset away, but statistics of whole batches behind
-    the transform (VecNorm) read them. TorchRL's own ``TransformedEnv`` hides the present values;
-    then all rows are mapped as at a reset, which is right for outputs that follow from one time.
+    TorchRL discards the other rows after a partial reset, but a later transform that computes
+    statistics of the whole batch (VecNorm) reads them. In TorchRL's own ``TransformedEnv`` the
+    present values are not available; then all rows are mapped as at a reset, which is correct for
+    outputs that depend on a single time step.
 
     Args:
-        transform: Whose outputs depend on its ``in_keys`` row by row.
-        tensordict: What the reset was asked with: ``_reset``, and the present values as
-            :class:`navrl.envs.TransformedNavigationEnv` hands them over.
-        tensordict_reset: ``[*B]``, what the environment returned.
+        transform: Transform whose outputs in a row depend on its ``in_keys`` in that row only.
+        tensordict: Argument of the reset: ``_reset``, and the present values as passed by
+            :class:`navrl.envs.TransformedNavigationEnv`.
+        tensordict_reset: ``[*B]``, result of the environment's reset.
 
     Returns:
         ``tensordict_reset`` with the outputs.
@@ -129,7 +132,7 @@ def map_reset_rows(
     return tensordict_reset
 
 
-def refuse_without_past(
+def require_history(
     transform: Transform, tensordict: TensorDictBase, keys: Sequence[NestedKey]
 ) -> None:
     """Reject stored transitions whose root lacks entries that depend on earlier steps.
@@ -173,6 +176,18 @@ def read(transform: Transform, tensordict: TensorDictBase, key: NestedKey) -> Te
     return value
 
 
+def cloned(specs: TensorSpec) -> Composite:
+    """Return a copy of the specs of an environment, which are always composite."""
+    assert isinstance(specs, Composite)
+    return specs.clone()
+
+
+def observed_specs(transform: Transform) -> Composite:
+    """Return the observation specs of the environment below a transform."""
+    assert transform.parent is not None
+    return transform.parent.full_observation_spec
+
+
 def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorSpec:
     """Return the spec of a key.
 
@@ -187,7 +202,7 @@ def read_spec(transform: Transform, specs: Composite, key: NestedKey) -> TensorS
 
 
 def world_values(*values: Tensor) -> tuple[Tensor, ...]:
-    """Return world coordinates in a common precision: float64 if any of them has it, else float32.
+    """Return world coordinates in float64 if any of them has it, else in float32.
 
     Near (5e5, 5.6e6) m, typical of maps in UTM coordinates, float32 has a resolution of half a
     meter; therefore coordinates are converted to float32 only after their subtraction.
@@ -198,12 +213,12 @@ def world_values(*values: Tensor) -> tuple[Tensor, ...]:
 
 def real_spec(like: TensorSpec, *shape: int) -> Unbounded:
     """Return a float32 spec on the device of ``like``."""
-    return Unbounded(shape, dtype=torch.float32, device=like.device)
+    return Unbounded(torch.Size(shape), dtype=torch.float32, device=like.device)
 
 
 def flag_spec(like: TensorSpec, *shape: int) -> Binary:
     """Return a bool spec on the device of ``like``."""
-    return Binary(shape[-1], shape, dtype=torch.bool, device=like.device)
+    return Binary(shape[-1], torch.Size(shape), dtype=torch.bool, device=like.device)
 
 
 def _check_count(

@@ -28,4 +28,4 @@ def compose(**steps: Transform | None) -> Compose:
     for name, step in steps.items():
         if step is not None and not isinstance(step, Transform):
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
-    return Compose(*(step for step in steps.values() if step is not None))
+    return Compose([step for step in steps.values() if step is not None])

@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import dispatch
 from torch import Tensor
-from torchrl.data import Bounded, Composite
+from torchrl.data import Bounded, Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
@@ -14,12 +14,14 @@ from navrl.ops import se2
 from navrl.ops.projection import project_ranges
 from navrl.transforms.observation_map import (
     Keys,
+    cloned,
     map_reset_rows,
     nested_keys,
+    observed_specs,
     read,
     read_spec,
     real_spec,
-    refuse_without_past,
+    require_history,
 )
 
 
@@ -91,11 +93,11 @@ class RangeHistory(Transform):
         transform = read(self, next_tensordict, transform_key).unsqueeze(-2)
         return self._write(next_tensordict, se2.transform_points(transform, past))
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Fill the missing past with the current scan."""
-        points = read(self, tensordict, self.in_keys[0]).unsqueeze(-3)
+        points = read(self, next_tensordict, self.in_keys[0]).unsqueeze(-3)
         past = points.repeat_interleave(self.num_scans, dim=-3)
-        return self._write(tensordict, past)
+        return self._write(next_tensordict, past)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -116,45 +118,44 @@ class RangeHistory(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the past of stored data.
+        """Restore the past scans of stored data.
 
-        Under ``"next"`` the past is computed from the root, also at the end of an episode. At the
-        root a stored past is retained. Data without a stored past and without ``"next"`` is treated
-        as initial scans, whose past is the current scan.
+        Under ``"next"`` they are computed from the root, also at the end of an episode. At the
+        root, stored past scans are retained. Data without them and without ``"next"`` is treated as
+        initial scans, whose past scans are the current one.
 
         Raises:
-            ValueError: If the root of a transition lacks its past.
+            ValueError: If the root of a transition lacks the past scans.
         """
         missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
         if missing:
-            refuse_without_past(self, tensordict, missing)
+            require_history(self, tensordict, missing)
             self._call(tensordict)
         if "next" in tensordict:
             self._step(tensordict, tensordict["next"])
         return tensordict
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Add the specs of the past to those of the environment."""
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
+        """Add the specs of the past scans to those of the environment."""
+        observation_spec = cloned(observation_spec)
         points = read_spec(self, observation_spec, self.in_keys[0])
         *batch, num_points, _ = points.shape
-        observation_spec = observation_spec.clone()
         observation_spec[self.out_keys[0]] = real_spec(
             points, *batch, self.num_scans, num_points, 2
         )
         observation_spec[self.out_keys[1]] = Bounded(
             0.0,
             self.max_range,
-            (*batch, self.num_scans + 1, num_points),
+            torch.Size((*batch, self.num_scans + 1, num_points)),
             dtype=torch.float32,
             device=points.device,
         )
         return observation_spec
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Add the current points and their past to the state spec, because a step reads them."""
-        input_spec = input_spec.clone()
-        observation_spec = self.parent.full_observation_spec
-        points = read_spec(self, observation_spec, self.in_keys[0])
+        input_spec = cloned(input_spec)
+        points = read_spec(self, observed_specs(self), self.in_keys[0])
         *batch, num_points, _ = points.shape
         state = input_spec["full_state_spec"]
         state[self.in_keys[0]] = points.clone()

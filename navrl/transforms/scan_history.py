@@ -4,26 +4,28 @@ from __future__ import annotations
 
 from tensordict import TensorDictBase
 from tensordict.nn import dispatch
-from torchrl.data import Composite
+from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.transforms.observation_map import (
     Keys,
+    cloned,
     map_reset_rows,
     nested_keys,
+    observed_specs,
     read,
     read_spec,
-    refuse_without_past,
+    require_history,
 )
 
 
 class ScanHistory(Transform):
     """Add the entries of time t-1 to those of time t.
 
-    The past is stored in the TensorDict, not in the transform: the value at t-1 is read from the
-    root that the caller steps. Partial resets, interleaved streams, planning and replay therefore
-    each have their own past. After a reset there is no past and the current value replaces it,
+    Previous values are stored in the TensorDict, not in the transform: the value at t-1 is read
+    from the root that the caller steps. Partial resets, interleaved streams, planning and replay
+    therefore each have their own history. After a reset the previous value equals the current one,
     which shows no motion.
 
     Args:
@@ -67,11 +69,11 @@ class ScanHistory(Transform):
             next_tensordict.set(previous, read(self, tensordict, now).clone())
         return next_tensordict
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Fill the missing past with the current scan."""
         for now, previous in zip(self.in_keys, self.out_keys, strict=True):
-            tensordict.set(previous, read(self, tensordict, now).clone())
-        return tensordict
+            next_tensordict.set(previous, read(self, next_tensordict, now).clone())
+        return next_tensordict
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -80,35 +82,35 @@ class ScanHistory(Transform):
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the past of stored data.
+        """Restore the previous entries (time t-1) of stored data.
 
-        Under ``"next"`` the past is the current entry of the root, also at the end of an episode.
-        At the root a stored past is retained. Data without a stored past and without ``"next"`` is
-        treated as initial scans, whose past is the current scan.
+        Under ``"next"`` they are the current entries of the root, also at the end of an episode. At
+        the root, stored previous entries are retained. Data without them and without ``"next"`` is
+        treated as initial scans, whose previous entries are the current ones.
 
         Raises:
-            ValueError: If the root of a transition lacks its past.
+            ValueError: If the root of a transition lacks the previous entries.
         """
         missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
         if missing:
-            refuse_without_past(self, tensordict, missing)
+            require_history(self, tensordict, missing)
             self._call(tensordict)
         if "next" in tensordict:
             self._step(tensordict, tensordict["next"])
         return tensordict
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        """Add the specs of the past to those of the environment."""
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
+        """Add the specs of the previous entries to those of the environment."""
+        observation_spec = cloned(observation_spec)
         specs = [read_spec(self, observation_spec, key).clone() for key in self.in_keys]
-        observation_spec = observation_spec.clone()
         for key, spec in zip(self.out_keys, specs, strict=True):
             observation_spec[key] = spec
         return observation_spec
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Add the current entries to the state spec, because a step reads them."""
-        input_spec = input_spec.clone()
+        input_spec = cloned(input_spec)
         for key in self.in_keys:
-            spec = read_spec(self, self.parent.full_observation_spec, key)
+            spec = read_spec(self, observed_specs(self), key)
             input_spec["full_state_spec"][key] = spec.clone()
         return input_spec

@@ -7,7 +7,7 @@ import math
 import torch
 from tensordict import NestedKey
 from torch import Tensor
-from torchrl.data import Bounded, Composite
+from torchrl.data import Bounded, Composite, TensorSpec
 
 from navrl import keys
 from navrl.checks import check_positive
@@ -100,14 +100,14 @@ class SubgoalAction(ActionMap):
         distance, bearing = self.subgoal(action, *seen).unbind(-1)
         return steer_to(distance, bearing, self.horizon, self.max_speed, self.max_turn_rate)
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Set the bounds of the subgoal as action spec and add the scan keys to the state spec."""
         input_spec = super().transform_input_spec(input_spec)
         command = input_spec["full_action_spec"][self.in_keys_inv[0]]
         high = torch.tensor([self.max_distance, self.max_bearing], device=command.device)
         low = torch.tensor([0.0, -self.max_bearing], device=command.device)
-        bounds = (bound.expand(command.shape).contiguous() for bound in (low, high))
+        low, high = (bound.expand(command.shape).contiguous() for bound in (low, high))
         input_spec["full_action_spec"][self.out_keys_inv[0]] = Bounded(
-            *bounds, command.shape, dtype=torch.float32, device=command.device
+            low, high, command.shape, dtype=torch.float32, device=command.device
         )
         return input_spec

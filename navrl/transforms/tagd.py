@@ -30,7 +30,7 @@ class TAGD(ObservationMap):
             their halves ``[*B, N_c, 2]`` bool.
 
     Raises:
-        ValueError: If an argument is not as above; the message names it.
+        ValueError: If an argument is invalid; the message names it.
 
     Example:
         >>> import torch

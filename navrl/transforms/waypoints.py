@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import dispatch
 from torch import Tensor
-from torchrl.data import Composite
+from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
@@ -15,12 +15,14 @@ from navrl.ops.path import point_at, project_onto_path
 from navrl.ops.path_search import check_window
 from navrl.transforms.observation_map import (
     Keys,
+    cloned,
     map_reset_rows,
     nested_keys,
+    observed_specs,
     read,
     read_spec,
     real_spec,
-    refuse_without_past,
+    require_history,
     world_values,
 )
 
@@ -47,7 +49,7 @@ class Waypoints(Transform):
             projection ``[*B, 1]`` m, which the next step reads.
 
     Raises:
-        ValueError: If an argument is not as above, or later if the environment lacks a key.
+        ValueError: If an argument is invalid, or later if the environment lacks a key.
 
     Example:
         >>> path = torch.tensor([[[0.0, 0.0], [4.0, 0.0]]])
@@ -94,9 +96,9 @@ class Waypoints(Transform):
         previous = read(self, tensordict, self.out_keys[1]).squeeze(-1)
         return self._write(next_tensordict, previous)
 
-    def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Search the whole path, as after a reset."""
-        return self._write(tensordict, None)
+        return self._write(next_tensordict, None)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -116,10 +118,10 @@ class Waypoints(Transform):
         if progress_key in tensordict.keys(True, True):
             self._write_points(tensordict, tensordict.get(progress_key))
         else:
-            refuse_without_past(self, tensordict, [progress_key])
+            require_history(self, tensordict, [progress_key])
             self._call(tensordict)
         if "next" in tensordict:
-            following = tensordict["next"]
+            following = tensordict.get("next")
             if progress_key in following.keys(True, True):
                 self._write_points(following, following.get(progress_key))
             else:
@@ -143,12 +145,13 @@ class Waypoints(Transform):
         points = se2.transform_points(se2.inverse(pose), points_world)
         return tensordict.set(self.out_keys[0], points.float())
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of waypoints and progress to those of the environment.
 
         Raises:
             ValueError: If the environment lacks a key or its shape is wrong.
         """
+        observation_spec = cloned(observation_spec)
         pose, path = (read_spec(self, observation_spec, key) for key in self.in_keys)
         if pose.shape[-1:] != (3,) or path.shape[-1:] != (2,):
             raise ValueError(
@@ -156,14 +159,13 @@ class Waypoints(Transform):
                 f"got {tuple(pose.shape)} and {tuple(path.shape)}"
             )
         batch = pose.shape[:-1]
-        observation_spec = observation_spec.clone()
         observation_spec[self.out_keys[0]] = real_spec(pose, *batch, self.num_waypoints, 2)
         observation_spec[self.out_keys[1]] = real_spec(pose, *batch, 1)
         return observation_spec
 
-    def transform_input_spec(self, input_spec: Composite) -> Composite:
+    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
         """Add the progress to the state spec, because a step reads it."""
-        input_spec = input_spec.clone()
-        pose = read_spec(self, self.parent.full_observation_spec, self.in_keys[0])
+        input_spec = cloned(input_spec)
+        pose = read_spec(self, observed_specs(self), self.in_keys[0])
         input_spec["full_state_spec"][self.out_keys[1]] = real_spec(pose, *pose.shape[:-1], 1)
         return input_spec

@@ -24,7 +24,7 @@ from navrl.viz.scene import (
     frame_scene,
     scene_limits,
 )
-from navrl.viz.style import BLUE, GREY, VERMILLION, plain_text, save_figure, style
+from navrl.viz.style import BLUE, GRAY, VERMILLION, plain_text, save_figure, style
 
 OUTCOME_WORDS = {
     "success": "goal reached",
@@ -159,7 +159,7 @@ def render_frames(recording: Recording) -> Iterator[np.ndarray]:
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)  # static background of all frames
         scene = figure.add_axes(place)
-        now = commands.axvline(0.0, color=GREY, linewidth=1.0)
+        now = commands.axvline(0.0, color=GRAY, linewidth=1.0)
         for step in range(recording.num_steps + 1):
             scene.clear()
             draw_scene(scene, recording, step, list(ATTENTIONS))
@@ -194,7 +194,7 @@ def _headline(recording: Recording, step: int) -> str:
 def _color_bar(figure: Figure, axes: Axes, recording: Recording, name: str, location: str) -> None:
     scale = attention_scale(recording, name)
     if scale is None:
-        axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", color=GREY)
+        axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", color=GRAY)
         return
     bar = figure.colorbar(
         ScalarMappable(scale, ATTENTIONS[name]),
@@ -227,7 +227,7 @@ def _draw_commands(axes: Axes, recording: Recording, step: int | None) -> None:
     axes.set_ylim(min(0.0, float(speeds[0].min())) - 0.05, max(1.0, float(speeds[0].max())) + 0.05)
     turn.set_ylim(-1.1 * limit, 1.1 * limit)
     if step is not None:
-        axes.axvline(step * recording.time_step_s, color=GREY, linewidth=1.0)
+        axes.axvline(step * recording.time_step_s, color=GRAY, linewidth=1.0)
 
 
 def _share(size: tuple[float, float], x: float, y: float, width: float, height: float) -> tuple:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from navrl.untrusted import DamagedFileError, read_table
-from navrl.viz.style import BLACK, GREY, line_look, plain_text, save_figure, style
+from navrl.viz.style import BLACK, GRAY, line_look, plain_text, save_figure, style
 
 _REMEDY = "restore the log, or remove its damaged rows"
 Series = tuple[np.ndarray, np.ndarray]
@@ -180,9 +181,7 @@ def _mark_levels(axes: Axes, logs: Sequence[TrainingLog]) -> None:
             axes.axvline(frame, color=color, linestyle=":", linewidth=0.8)
 
 
-def _draw_seeds(
-    axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: object
-) -> None:
+def _draw_seeds(axes: Axes, seeds: Sequence[Series], label: str, color: str, **look: Any) -> None:
     """Draw a single run, or several runs pale with their mean and range."""
     seeds = [series for series in seeds if len(series[0])]
     if not seeds:
@@ -226,5 +225,5 @@ def _add_key(figure: Figure, groups: dict[str, list[TrainingLog]], ncols: int) -
         marks["more pedestrians from here"] = {"linestyle": ":", "linewidth": 0.8}
     handles += [Line2D([], [], color=BLACK, label=label, **look) for label, look in marks.items()]
     if any(len(logs) > 1 for logs in groups.values()):
-        handles.append(Patch(color=GREY, alpha=0.3, linewidth=0, label="range of the seeds"))
+        handles.append(Patch(color=GRAY, alpha=0.3, linewidth=0, label="range of the seeds"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), ncols))

@@ -13,8 +13,8 @@ from navrl.evaluation.recording import Recording
 from navrl.viz.scene import SPATIAL, TEMPORAL
 from navrl.viz.style import (
     BLACK,
+    GRAY,
     GREEN,
-    GREY,
     ORANGE,
     PURPLE,
     SPATIAL_COLORS,
@@ -53,7 +53,7 @@ def _handles(
     recording: Recording, attention: Sequence[str], descriptors: bool
 ) -> list[Line2D | Patch]:
     handles = [
-        Line2D([], [], color=GREY, linestyle="--", linewidth=1.0, label="global path"),
+        Line2D([], [], color=GRAY, linestyle="--", linewidth=1.0, label="global path"),
         Patch(facecolor="none", edgecolor=GREEN, linewidth=1.2, label="goal"),
         Patch(facecolor=PURPLE, edgecolor=BLACK, linewidth=0.6, label="robot, trajectory"),
         Patch(facecolor=ORANGE, edgecolor=BLACK, linewidth=0.6, label="pedestrian, past 2 s"),

@@ -23,7 +23,7 @@ def policy_of(file: Path) -> str | None:
     return _player(file.with_name(".hydra")) if evaluation is None else evaluation.label
 
 
-def lost_and_played(files: Iterable[Path]) -> tuple[int, int] | None:
+def count_failures(files: Iterable[Path]) -> tuple[int, int] | None:
     """Return the numbers of failed and played episodes of the recordings' evaluations.
 
     ``None`` if a recording has no evaluation, since recordings may be of failed episodes only.

@@ -15,7 +15,7 @@ from navrl.evaluation.stored import find_evaluations
 from navrl.viz.animation import save_gif, save_png, save_strip
 from navrl.viz.curves import plot_curves
 from navrl.viz.failures import save_failures
-from navrl.viz.origins import lost_and_played, policy_of
+from navrl.viz.origins import count_failures, policy_of
 from navrl.viz.rates import plot_rates
 from navrl.viz.rerun_log import save_rrd
 from navrl.viz.tagd import save_tagd
@@ -113,7 +113,7 @@ def failures(
     """Draw the last scenes of failed episodes."""
     episodes = find_files(sources, "*.npz")
     recordings, policies = find_recordings(episodes), [policy_of(file) for file in episodes]
-    counts = lost_and_played(episodes)
+    counts = count_failures(episodes)
     return _each_format(
         lambda file: save_failures(recordings, file, limit, policies, counts), out, formats
     )

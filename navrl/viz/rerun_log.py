@@ -17,7 +17,7 @@ from navrl.extras import install_hint
 from navrl.files import replacing_path
 from navrl.viz.drive import forward_and_turn
 from navrl.viz.scene import ATTENTIONS, SPATIAL, TEMPORAL, attention_scale
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from navrl.viz.style import BLACK, BLUE, CYCLE, GRAY, GREEN, ORANGE, PURPLE, VERMILLION
 
 STEP, TIME = "step", "time"  # timelines
 # m, as in navrl.sim.bullet_scene, which is not imported here, and with the default lidar:
@@ -25,8 +25,8 @@ STEP, TIME = "step", "time"  # timelines
 WALL_HEIGHT, PEDESTRIAN_HEIGHT, ROBOT_HEIGHT, SCAN_HEIGHT = 1.2, 1.0, 0.42, 0.5
 _FLOOR_M = 0.01  # height of lines on the floor, and half the height of the goal's disc
 _POINT_M, _LINE_M = 0.03, 0.015  # radii
-_WALL_GREY, _BACKGROUND = "#A8B0BD", "#F7F7F7"
-_PALEST = 0.25  # start of color maps, so that zero attention is visible on the background
+_WALL_GRAY, _BACKGROUND = "#A8B0BD", "#F7F7F7"
+_MIN_INTENSITY = 0.25  # start of color maps, so that zero attention is visible on the background
 
 
 def save_rrd(recording: Recording, file: str | Path, name: str | None = None) -> Path:
@@ -118,10 +118,10 @@ class _Log:
         rr, recording = self._rr, self._recording
         self._still("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         walls = _upright(recording.walls, WALL_HEIGHT)
-        look = {"colors": _rgba(_WALL_GREY), "fill_mode": "TransparentFillMajorWireframe"}
+        look = {"colors": _rgba(_WALL_GRAY), "fill_mode": "TransparentFillMajorWireframe"}
         self._still("world/walls", rr.Boxes3D(**walls, **look))  # transparent
         path = _lifted(recording.path, _FLOOR_M)
-        self._still("world/path", rr.LineStrips3D([path], radii=_LINE_M, colors=_rgba(GREY)))
+        self._still("world/path", rr.LineStrips3D([path], radii=_LINE_M, colors=_rgba(GRAY)))
         goal = rr.Cylinders3D(
             centers=_lifted(recording.goal[None], _FLOOR_M),
             lengths=2 * _FLOOR_M,
@@ -261,7 +261,7 @@ def _colors(
     colors = np.broadcast_to(_rgba(plain), (*shape, 4)).copy()
     if weights is not None:
         share = np.clip(attention_scale(recording, name)(weights), 0.0, 1.0)
-        colors[:-1] = ATTENTIONS[name](_PALEST + (1.0 - _PALEST) * share, bytes=True)
+        colors[:-1] = ATTENTIONS[name](_MIN_INTENSITY + (1.0 - _MIN_INTENSITY) * share, bytes=True)
     return colors
 
 

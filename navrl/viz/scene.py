@@ -14,8 +14,8 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from navrl.evaluation.recording import Recording
 from navrl.viz.style import (
     BLACK,
+    GRAY,
     GREEN,
-    GREY,
     ORANGE,
     PURPLE,
     SPATIAL_COLORS,
@@ -121,7 +121,7 @@ def closest_step(recording: Recording) -> int:
 def _draw_map(axes: Axes, recording: Recording) -> None:
     walls = [_box_corners(box) for box in recording.walls]
     axes.add_collection(PolyCollection(walls, facecolors="#4D4D4D", zorder=2))
-    axes.plot(*recording.path.T, color=GREY, linestyle="--", linewidth=1.0, zorder=2.1)
+    axes.plot(*recording.path.T, color=GRAY, linestyle="--", linewidth=1.0, zorder=2.1)
     goal = Circle(recording.goal, recording.goal_radius, fill=False, edgecolor=GREEN)
     goal.set(linewidth=1.2, zorder=2.2)
     axes.add_patch(goal)

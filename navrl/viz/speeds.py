@@ -12,7 +12,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from navrl.untrusted import DamagedFileError, read_json
-from navrl.viz.style import BLACK, BLUE, CYCLE, GREEN, GREY, VERMILLION, save_figure, style
+from navrl.viz.style import BLACK, BLUE, CYCLE, GRAY, GREEN, VERMILLION, save_figure, style
 
 _REMEDY = "run navrl-benchmark again"
 _COLUMNS = 3  # columns of small panels, right of the bars
@@ -52,7 +52,7 @@ def plot_benchmark(json_file: str | Path, out: str | Path) -> list[Path]:
 
 def _draw(report: Mapping) -> Figure:
     rows = {row["key"]: row for row in report["rows"]}
-    barred = [row for key, row in rows.items() if row["bar"] and not key.startswith(_GROWTH)]
+    with_bar = [row for key, row in rows.items() if row["bar"] and not key.startswith(_GROWTH)]
     shares = [rows[key] for key in rows if key.startswith(_TRAINING) and key not in _NOT_PHASES]
     panels: list[Callable[[Axes], None]] = [
         lambda axes, series=series: _draw_growth(axes, series, rows[_GROWTH + series["key"]])
@@ -61,11 +61,11 @@ def _draw(report: Mapping) -> Figure:
     if shares:
         panels.append(lambda axes: _draw_shares(axes, shares))
     height = max(1, -(-len(panels) // _COLUMNS))
-    figure = Figure((12.0, max(2.9 * height, 0.42 * len(barred) + 1.2)), layout="constrained")
+    figure = Figure((12.0, max(2.9 * height, 0.42 * len(with_bar) + 1.2)), layout="constrained")
     grid = GridSpec(height, 1 + _COLUMNS, figure, width_ratios=[1.15] + [1.0] * _COLUMNS)
-    if barred:
+    if with_bar:
         whole = grid[:, 0] if panels else grid[:, :]
-        _draw_bars(figure.add_subplot(whole), barred)
+        _draw_bars(figure.add_subplot(whole), with_bar)
     for i, draw in enumerate(panels):
         draw(figure.add_subplot(grid[i // _COLUMNS, 1 + i % _COLUMNS]))
     machine = report["machine"]
@@ -126,7 +126,7 @@ def _draw_growth(axes: Axes, series: Mapping, exponent: Mapping) -> None:
     middle = np.exp(np.log(median).mean()), np.exp(np.log(sizes).mean())
     fit = middle[0] * (sizes / middle[1]) ** exponent["median"]
     bar = f" (bar ≤ {exponent['bar']['limit']:g})" if exponent["bar"] else ""
-    axes.plot(sizes, fit, color=GREY, linestyle="--", linewidth=0.9)
+    axes.plot(sizes, fit, color=GRAY, linestyle="--", linewidth=0.9)
     _logarithmic(axes, "x", sizes)
     _logarithmic(axes, "y")
     power = f"dashed: the power {exponent['median']:.2f}{bar}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
@@ -18,7 +19,7 @@ from navrl.files import replacing
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
-GREY = "#7F7F7F"
+GRAY = "#7F7F7F"
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 """Okabe and Ito's palette; yellow is not used for lines, since it is too pale on white."""
 _DASHES = ("-", "--", "-.", ":")
@@ -58,7 +59,7 @@ def style() -> Iterator[None]:
         yield
 
 
-def line_look(i: int) -> dict[str, str]:
+def line_look(i: int) -> dict[str, Any]:
     """Return color and dash of the i-th line; repeated colors have other dashes."""
     return {
         "color": CYCLE[i % len(CYCLE)],

@@ -13,11 +13,11 @@ from matplotlib.patches import Circle, FancyArrow, Patch
 
 from navrl.evaluation.recording import Recording
 from navrl.viz.legend import ArrowHandler
-from navrl.viz.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, save_figure, style
+from navrl.viz.style import BLACK, BLUE, GRAY, GREEN, ORANGE, PURPLE, VERMILLION, save_figure, style
 
 _NOW, _BEFORE, _CENTER = BLUE, ORANGE, GREEN
 _CLOSE_UP_M = 0.55  # half the width of the close-up
-_AT_REST_M = 0.02  # less is noise and too short for an arrow
+_STATIONARY_M = 0.02  # less is noise and too short for an arrow
 _NO_RETURN = 1e-3  # m short of the maximum range
 _TOLERANCE_RAD = 1e-6
 
@@ -49,7 +49,7 @@ def save_tagd(
     """
     if recording.tagd is None or recording.points is None or recording.points_aligned is None:
         raise ValueError("recording: has no TAGDs; must be of a policy with TAGDs in its pipeline")
-    step = _most_telling_step(recording) if step is None else step
+    step = _step_of_largest_motion(recording) if step is None else step
     if not 1 <= step <= recording.num_steps:
         raise ValueError(f"step={step}: must be between 1 and {recording.num_steps}")
     stage = _Stage(recording, step, group_radius)
@@ -135,7 +135,7 @@ def _draw_aligned(axes: Axes, stage: _Stage) -> None:
 def _draw_centers(axes: Axes, stage: _Stage) -> None:
     _frame(axes, stage, "3. a center on each ray, at the nearest return")
     rays = np.stack([np.zeros_like(stage.centers), stage.centers], axis=1)
-    axes.add_collection(LineCollection(rays, colors=GREY, linewidths=0.5, zorder=1))
+    axes.add_collection(LineCollection(rays, colors=GRAY, linewidths=0.5, zorder=1))
     _dots(axes, stage.now, _NOW)
     axes.plot(*stage.centers[stage.used].T, "+", color=_CENTER, markersize=6, zorder=5)
 
@@ -216,7 +216,7 @@ def _centroids(axes: Axes, stage: _Stage, size: float) -> None:
 
 
 def _arrows(axes: Axes, stage: _Stage) -> None:
-    moves = stage.motion > _AT_REST_M
+    moves = stage.motion > _STATIONARY_M
     start = stage.previous_centroids[moves]
     axes.quiver(
         *start.T,
@@ -265,7 +265,7 @@ def _returned(points: np.ndarray, max_range: float) -> np.ndarray:
     return points[_is_return(points, max_range)]
 
 
-def _most_telling_step(recording: Recording) -> int:
+def _step_of_largest_motion(recording: Recording) -> int:
     """Return the step with the largest motion of a pedestrian's descriptor above the others."""
     best, chosen = -np.inf, 1
     for step in range(1, recording.num_steps + 1):

@@ -8,4 +8,7 @@ require("full", "navrl.worlds", "lazy_loader", "skimage")
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from navrl.deprecation import renamed_attributes
+
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = renamed_attributes(__name__, {"KINDS": "navrl.worlds.batch.KINDS"}, _load)

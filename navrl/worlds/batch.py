@@ -7,9 +7,17 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
+
+KINDS = (
+    *("corridor", "intersection", "office", "other"),
+    *("frontal_approach", "overtaking", "crossing", "blind_corner", "narrow_doorway"),
+    *("narrow_hallway", "obstructed_doorway", "circular_crossing"),
+)
+"""Deprecated: the kinds of worlds of version 0.1; a batch lists its own in ``kinds``."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +144,7 @@ def tensor_names() -> list[str]:
 
 def _row(
     scenario: Scenario, max_boxes: int, max_pedestrians: int, kind: int
-) -> dict[str, np.ndarray]:
+) -> dict[str, ArrayLike]:
     people = scenario.pedestrians
     boxes = np.zeros((max_boxes, 5))
     boxes[: len(scenario.boxes)] = scenario.boxes

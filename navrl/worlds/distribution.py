@@ -72,7 +72,7 @@ class ScenarioDistribution:
             raise ValueError(f"worlds={list(self.worlds)}: weights must be >= 0 and not all 0")
         self._shares = weights / weights.sum()
         self.num_dynamic, self.num_static = tuple(num_dynamic), tuple(num_static)
-        self.speed, self.half_size = tuple(speed), tuple(half_size)
+        self.speed, self.half_size = tuple(speed), (half_size[0], half_size[1])
         if keep_dynamic is not None and not 0 <= keep_dynamic <= num_dynamic[0]:
             raise ValueError(
                 f"keep_dynamic={keep_dynamic}: must be in 0 to {num_dynamic[0]}, the minimum of "
@@ -88,6 +88,7 @@ class ScenarioDistribution:
         """
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
+        reason = None
         for _ in range(_TRIES):
             try:
                 return self._draw(generator, suite, seed, index)

@@ -58,10 +58,10 @@ class FrozenEpisodes:
             FrozenSuiteError: If an episode differs or its index is too large; the message has the
                 suite and the expected and computed hashes.
         """
-        whose = f"suite {self.name}, version {self.version}"
+        suite = f"suite {self.name}, version {self.version}"
         if max(indices, default=0) >= len(self.digests):
             raise FrozenSuiteError(
-                f"{whose}: has {len(self.digests)} episodes, episode {max(indices)} is not "
+                f"{suite}: has {len(self.digests)} episodes, episode {max(indices)} is not "
                 "frozen; suite.version=null plays it unchecked"
             )
         is_first_part = list(indices) == list(range(len(scenarios)))
@@ -76,7 +76,7 @@ class FrozenEpisodes:
         different = [index for index, one in pairs if self.digests[index] != _digest(one)]
         share = f"{len(different)} of {len(scenarios)} differ: {_short(str(different))}"
         raise FrozenSuiteError(
-            f"{whose}: these are not the frozen episodes, expected {_short(want)}, found "
+            f"{suite}: these are not the frozen episodes, expected {_short(want)}, found "
             f"{_short(got)}; {share}; a suite of other episodes needs another "
             "suite.name and suite.version=null"
         )

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 WALL_THICKNESS = 0.1  # m, authors' precursor
-LEAST_INSET = 0.3  # m from start and goal to a wall; the planner finds no path from closer points
+MIN_INSET = 0.3  # m from start and goal to a wall; the planner finds no path from closer points
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class World(Protocol):
         ...
 
 
-def check_inset(inset: float, most: float) -> float:
+def check_inset(inset: float, max_inset: float) -> float:
     """Return ``inset`` if the planner can start there and it is within half the world.
 
     Raises:
         ValueError: If it is outside the allowed range.
     """
-    if not LEAST_INSET <= inset <= most:
-        raise ValueError(f"inset={inset}: must be in {LEAST_INSET} to {most:.3g} m")
+    if not MIN_INSET <= inset <= max_inset:
+        raise ValueError(f"inset={inset}: must be in {MIN_INSET} to {max_inset:.3g} m")
     return float(inset)
 
 

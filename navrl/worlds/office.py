@@ -6,8 +6,9 @@ import numpy as np
 
 from navrl.worlds.layout import WALL_THICKNESS, Layout, check_inset, wall
 
-_LEAST_DOOR = 0.7  # m; narrower ones have no cell with the planner's clearance
+_MIN_DOOR = 0.7  # m; narrower ones have no cell with the planner's clearance
 Room = tuple[float, float, float, float]
+Door = tuple[float, float]  # its ends along the wall, m
 
 
 class Office:
@@ -35,10 +36,10 @@ class Office:
     def __init__(
         self, size: float = 7.0, door: float = 1.1, min_room: float = 2.2, inset: float = 0.5
     ) -> None:
-        fits = _LEAST_DOOR <= door < min_room - 4 * WALL_THICKNESS
+        fits = _MIN_DOOR <= door < min_room - 4 * WALL_THICKNESS
         if not fits or not 2 * min_room <= size - WALL_THICKNESS:
             raise ValueError(
-                f"door={door}, min_room={min_room}, size={size}: must be {_LEAST_DOOR} <= door, "
+                f"door={door}, min_room={min_room}, size={size}: must be {_MIN_DOOR} <= door, "
                 "door < min_room - 0.4 and 2 min_room <= size - 0.1"
             )
         self.size, self.door, self.min_room = size, door, min_room
@@ -67,13 +68,13 @@ class Office:
         corner = (half - WALL_THICKNESS / 2 - self.inset) * generator.choice([-1.0, 1.0], size=2)
         return Layout(np.array(boxes), (-half, -half, half, half), corner, -corner)
 
-    def _door(self, generator: np.random.Generator, low: float, high: float) -> Room:
+    def _door(self, generator: np.random.Generator, low: float, high: float) -> Door:
         margin = self.door / 2 + 2 * WALL_THICKNESS
         center = generator.uniform(low + margin, high - margin)
         return center - self.door / 2, center + self.door / 2
 
     def _cut_beside(
-        self, generator: np.random.Generator, low: float, high: float, door: Room
+        self, generator: np.random.Generator, low: float, high: float, door: Door
     ) -> float | None:
         """Draw the position of a wall on the first one, away from its doorway."""
         gap = 2 * WALL_THICKNESS
@@ -89,7 +90,7 @@ class Office:
         return generator.uniform(a, b)
 
 
-def _split(axis: int, at: float, low: float, high: float, door: Room) -> list[list[float]]:
+def _split(axis: int, at: float, low: float, high: float, door: Door) -> list[list[float]]:
     """Return the two segments of a wall across ``axis`` with a doorway."""
     half = WALL_THICKNESS / 2
     pieces = ((low, door[0] - half), (door[1] + half, high))

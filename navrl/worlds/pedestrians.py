@@ -9,9 +9,9 @@ from navrl.worlds.scenario import MAX_ROUTE_POINTS, Pedestrian
 
 _TRIES = 30
 _CROSSING_TRIES = 4
-_TOUCH = 0.3  # m between path and route at which robot and pedestrian, 0.33 m, would collide
+_MIN_GAP = 0.3  # m between path and route at which robot and pedestrian, 0.33 m, would collide
 _PASSAGE = 0.5  # m, minimum gap beside a stationary pedestrian: the robot is 0.36 m wide
-_OFF_ENDS = 1.2  # m from a stationary pedestrian to the path's ends, authors' precursor
+_END_DISTANCE = 1.2  # m from a stationary pedestrian to the path's ends, authors' precursor
 
 
 class PedestrianPlacer:
@@ -71,7 +71,7 @@ class PedestrianPlacer:
         for _ in range(_TRIES):
             place = self.path[self.generator.integers(len(self.path))]
             place = place + self.generator.uniform(-0.3, 0.3, size=2)
-            off_ends = np.linalg.norm(place - ends, axis=-1).min() >= _OFF_ENDS
+            off_ends = np.linalg.norm(place - ends, axis=-1).min() >= _END_DISTANCE
             if off_ends and self._leaves_passage(place):
                 self._standing.append(place)
                 return Pedestrian(place[None], 0.0, 0.0, self.half_size)
@@ -122,7 +122,7 @@ class PedestrianPlacer:
                 continue
             route = self._route(start, field)
             gaps = np.linalg.norm(resample(route)[:, None] - self.path[None], axis=-1)
-            if gaps.min() < _TOUCH:
+            if gaps.min() < _MIN_GAP:
                 return route
         return self._through()
 

@@ -50,7 +50,7 @@ class Grid:
         for ax, ay in zip(dx**2, dy**2, strict=True):
             np.minimum(squared, ax[:, None] + ay[None], out=squared)
         self.clearance = np.sqrt(squared)
-        regions = label(self.clearance >= cell, connectivity=1)
+        regions = np.asarray(label(self.clearance >= cell, connectivity=1))
         self.clearance[regions != regions[tuple(self.index(inside))]] = 0.0
 
     def index(self, points: np.ndarray) -> np.ndarray:
@@ -123,11 +123,11 @@ class Field:
         while anchor < last:
             # Bisect the longest visible stretch: a few visibility checks instead of one per point.
             low, high = anchor + 1, last + 1
-            if self._sees(points, anchor, last):
+            if self._is_visible(points, anchor, last):
                 low = last
             while low < last and high - low > 1:
                 middle = (low + high) // 2
-                if self._sees(points, anchor, middle):
+                if self._is_visible(points, anchor, middle):
                     low = middle
                 else:
                     high = middle
@@ -135,7 +135,7 @@ class Field:
             kept.append(anchor)
         return points[kept]
 
-    def _sees(self, points: np.ndarray, a: int, b: int) -> bool:
+    def _is_visible(self, points: np.ndarray, a: int, b: int) -> bool:
         return self.grid.is_visible(points[a], points[b], self.inflation - 1e-9)
 
 

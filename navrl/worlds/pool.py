@@ -6,6 +6,7 @@ import copy
 import hashlib
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -49,11 +50,12 @@ class ScenarioPool:
         if not 0 <= empty_share <= 1:
             raise ValueError(f"empty_share={empty_share}: must be in [0, 1]")
         self.empty_share = empty_share
-        self.batch = _load(cache, suite) if cache is not None else None
-        if self.batch is None:
-            self.batch = suite.batch(num_workers)
+        batch = _load(cache, suite) if cache is not None else None
+        if batch is None:
+            batch = suite.batch(num_workers)
             if cache is not None:
-                _save(cache, suite, self.batch)
+                _save(cache, suite, batch)
+        self.batch = batch
         dynamic = self.batch.ped_present & ~self.batch.ped_static
         self._num_dynamic = dynamic.sum(dim=-1)
 
@@ -98,9 +100,9 @@ class ScenarioPool:
             return batch
         if max_dynamic < 1:
             raise ValueError(f"max_dynamic={max_dynamic}: must be >= 1")
-        most = self._num_dynamic[rows].clamp(max=max_dynamic).clamp_min(1)
+        max_count = self._num_dynamic[rows].clamp(max=max_dynamic).clamp_min(1)
         share = torch.rand(rows.shape, generator=generator, dtype=torch.float64).to(device)
-        return batch.with_num_dynamic((share * most).long() + 1)
+        return batch.with_num_dynamic((share * max_count).long() + 1)
 
 
 def _fingerprint(suite: Suite) -> str:
@@ -134,7 +136,7 @@ def _load(cache: Path, suite: Suite) -> ScenarioBatch | None:
 
 
 def _save(cache: Path, suite: Suite, batch: ScenarioBatch) -> None:
-    arrays = {name: value.numpy() for name, value in batch.tensors().items()}
+    arrays: dict[str, Any] = {name: value.numpy() for name, value in batch.tensors().items()}
     try:
         with replacing(cache) as file:
             np.savez(file, fingerprint=_fingerprint(suite), kinds=batch.kinds, **arrays)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -152,8 +153,8 @@ class Scenario:
             raise ValueError(f"scenario: a value is of the wrong type ({reason})") from error
 
     @classmethod
-    def _from_dict(cls, plain: Mapping) -> Scenario:
-        plain = {"num_furniture": 0, **plain}
+    def _from_dict(cls, plain: Mapping[str, Any]) -> Scenario:
+        plain = dict[str, Any]({"num_furniture": 0, **plain})
         if plain.pop("format", None) != _FORMAT:
             raise ValueError(f"scenario: format must be {_FORMAT!r}")
         missing = sorted(cls.__dataclass_fields__.keys() - plain.keys())

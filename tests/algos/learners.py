@@ -7,7 +7,7 @@ from tensordict import TensorDict
 
 from navrl.networks import AttentionStream, StreamEncoder
 
-SHAPES = {"spatial": (180, 2), "waypoint": (5, 2)}
+SHAPES = {"spatial": (180, 2), "waypoints_scaled": (5, 2)}
 SMALL = {"embedding": (16,), "score": (1,), "feature": (8,)}
 ENCODER = partial(
     StreamEncoder, streams={"spatial": partial(AttentionStream, in_key="spatial", **SMALL)}

@@ -115,19 +115,19 @@ def assert_stops_at_what_is_not_finite(learner, device):
     learner.state_dict()  # is told once: what is told is to be saved
 
 
-def test_the_guarded_update_is_the_plain_one():
+def test_guarded_update_equals_the_plain_update():
     assert_updates_alike(guarded(make_learner()), make_learner(), "cpu")
 
 
 @pytest.mark.parametrize("algorithm", [DDPG, partial(TD3, target_noise=0.0)])
-def test_many_updates_are_those_one_by_one(algorithm):
+def test_batched_updates_equal_single_updates(algorithm):
     learner = guarded(make_learner(algorithm=algorithm))
     assert_many_are_one_by_one(learner, make_learner(algorithm=algorithm), "cpu")
     plain = make_learner(algorithm=algorithm)
     assert_many_are_one_by_one(plain, make_learner(algorithm=algorithm), "cpu")
 
 
-def test_the_batch_that_failed_is_found_among_many():
+def test_failing_batch_is_identified_among_many():
     learner, reference = guarded(make_learner()), make_learner()
     batches = torch.stack([make_batch(seed) for seed in range(6)])
     for batch in batches[:4].unbind(0):
@@ -140,11 +140,11 @@ def test_the_batch_that_failed_is_found_among_many():
     assert_alike(learner, reference)
 
 
-def test_nothing_changes_from_the_first_update_that_is_not_finite():
+def test_weights_are_unchanged_after_a_non_finite_update():
     assert_stops_at_what_is_not_finite(guarded(make_learner()), "cpu")
 
 
-def test_scalars_stay_what_they_were():
+def test_scalar_settings_are_unchanged():
     learner = guarded(make_learner())
     scalars = learner.update(make_batch(0))
     before = deepcopy(scalars)
@@ -152,7 +152,7 @@ def test_scalars_stay_what_they_were():
     assert scalars == before
 
 
-def test_a_learner_goes_on_after_loading():
+def test_learner_continues_after_loading():
     learner, reference = guarded(make_learner()), make_learner()
     for seed in range(3):
         reference.update(make_batch(seed))
@@ -160,7 +160,7 @@ def test_a_learner_goes_on_after_loading():
     assert_updates_alike(learner, reference, "cpu")
 
 
-def test_batches_of_another_shape_are_refused():
+def test_batch_of_another_shape_is_rejected():
     learner = guarded(make_learner())
     learner.update(make_batch(0))
     with pytest.raises(ValueError, match=r"'observation' was \[8, 4\]"):
@@ -168,7 +168,7 @@ def test_batches_of_another_shape_are_refused():
 
 
 @pytest.mark.parametrize("saved, own", [(True, False), (False, True)])
-def test_fused_and_plain_adam_take_each_others_state(saved, own):
+def test_fused_and_plain_adam_load_each_others_state(saved, own):
     one, other = make_learner(fused_optimizer=saved), make_learner(fused_optimizer=own)
     assert one.actor_optimizer.param_groups[0]["fused"] is saved
     one.anneal(0.5)
@@ -189,7 +189,7 @@ def test_a_graph_needs_a_cuda_device():
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("precision", ["float32", "tfloat32", "bfloat16"])
-def test_a_recorded_update_is_the_eager_one(precision):
+def test_captured_update_equals_the_eager_update(precision):
     learner = make_learner("cuda", cuda_graph=True, precision=precision)
     assert_updates_alike(learner, make_learner("cuda", precision=precision), "cuda")
     assert learner._captured.is_recorded
@@ -197,14 +197,14 @@ def test_a_recorded_update_is_the_eager_one(precision):
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("algorithm", [DDPG, partial(TD3, target_noise=0.0)])
-def test_many_recorded_updates_are_those_one_by_one(algorithm):
+def test_captured_batched_updates_equal_single_updates(algorithm):
     learner = make_learner("cuda", algorithm, cuda_graph=True)
     assert_many_are_one_by_one(learner, make_learner("cuda", algorithm), "cuda")
     assert len(learner._captured._graphs) == (1 if algorithm is DDPG else 2)
 
 
 @pytest.mark.gpu
-def test_a_recording_stops_at_what_is_not_finite():
+def test_captured_update_stops_at_non_finite_values():
     assert_stops_at_what_is_not_finite(make_learner("cuda", cuda_graph=True), "cuda")
 
 
@@ -226,7 +226,7 @@ def test_a_state_moves_between_devices(source, target):
         torch.testing.assert_close(left, right, atol=1e-4, rtol=1e-3)
 
 
-def test_the_recording_is_of_the_learners_own_memory():
+def test_capture_uses_the_learners_own_memory():
     learner = guarded(make_learner())
     captured: CapturedUpdates = learner._captured
     online = {w.data_ptr() for w in learner.loss.parameters()}

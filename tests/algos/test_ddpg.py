@@ -52,10 +52,10 @@ class AnyCritic(nn.Module):
 
 @pytest.mark.parametrize("has_encoder", [True, False])
 @pytest.mark.parametrize("loss_function", ["l2", "smooth_l1"])
-def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function, has_encoder):
+def test_losses_and_gradients_equal_torchrls_loss(loss_function, has_encoder):
     ddpg, data = agent(loss_function=loss_function), batch()
     if not has_encoder:
-        names = ["spatial", "action", "waypoint"]
+        names = ["spatial", "action", "waypoints_scaled"]
         critic = TensorDictModule(AnyCritic(), names, ["state_action_value"])
         ddpg = DDPG(make_actor(ENCODER, SHAPES), critic, loss_function=loss_function)
     for _ in range(3):  # weights that have moved by now
@@ -93,7 +93,7 @@ def test_an_update_moves_both_networks_and_the_targets_by_tau():
     assert moved >= 8
 
 
-def test_actor_climbs_the_critic():
+def test_actor_update_increases_the_q_value():
     ddpg = agent(actor_learning_rate=1e-3, critic_learning_rate=1e-9)
     data = batch(64)
     losses = [float(ddpg.update(data.clone())["loss_actor"]) for _ in range(30)]
@@ -114,7 +114,7 @@ def test_bfloat16_is_close_to_float32():
         torch.testing.assert_close(fast[name], exact[name], rtol=0.1, atol=0.02)
 
 
-def test_learning_rates_fall_linearly():
+def test_learning_rates_decrease_linearly():
     ddpg = agent(actor_learning_rate=1.0, critic_learning_rate=2.0, final_learning_rate_scale=0.1)
     for share, expected in ((0.0, 1.0), (0.5, 0.55), (1.0, 0.1), (2.0, 0.1)):
         ddpg.anneal(share)
@@ -122,7 +122,7 @@ def test_learning_rates_fall_linearly():
         assert ddpg.critic_optimizer.param_groups[0]["lr"] == pytest.approx(2 * expected)
 
 
-def test_not_finite_stops_before_any_weight_changes():
+def test_non_finite_loss_stops_before_weights_change():
     ddpg, data = agent(), batch()
     before = {k: v.clone() for k, v in ddpg.loss.state_dict().items()}
     data["next", "reward"][3] = float("nan")
@@ -152,7 +152,7 @@ def test_bad_arguments_are_named(option, value):
         agent(**{option: value})
 
 
-def test_noise_has_its_scale_per_dimension_and_stays_in_bounds():
+def test_noise_has_its_scale_and_bounds_in_each_dimension():
     noise = GaussianExploration(0.5, 0.1, annealing_frames=100, std=(0.2, 1.0))
     torch.manual_seed(0)
     td = TensorDict({"action": torch.zeros(20_000, 2)}, [20_000])

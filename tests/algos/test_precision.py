@@ -18,7 +18,7 @@ CPU = torch.device("cpu")
         ({"neon": True}, "float32"),
     ],
 )
-def test_bfloat16_only_where_a_cpu_has_instructions_for_it(monkeypatch, found, chosen):
+def test_bfloat16_requires_cpu_instructions(monkeypatch, found, chosen):
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: found)
     monkeypatch.setattr(torch.backends.mkldnn, "is_available", lambda: True)
     assert choose_precision(CPU) == Precision("auto", CPU).name == chosen
@@ -26,7 +26,7 @@ def test_bfloat16_only_where_a_cpu_has_instructions_for_it(monkeypatch, found, c
     assert choose_precision(CPU) == "float32"
 
 
-def test_a_gpu_rounds_products_on_their_way_in():
+def test_gpu_rounds_inputs_of_products():
     assert Precision("auto", torch.device("cuda")).name == "tfloat32"
     assert Precision("auto", torch.device("mps")).name == "float32"
 
@@ -39,7 +39,7 @@ def test_a_gpu_rounds_products_on_their_way_in():
         ("bfloat16", torch.bfloat16, "highest"),
     ],
 )
-def test_contexts_bring_the_format_about_and_leave_nothing_behind(name, dtype, rounding):
+def test_precision_contexts_set_and_restore_the_format(name, dtype, rounding):
     precision, square = Precision(name, CPU), torch.eye(2)
     with precision.rounding():
         assert torch.get_float32_matmul_precision() == rounding
@@ -49,6 +49,6 @@ def test_contexts_bring_the_format_about_and_leave_nothing_behind(name, dtype, r
     assert (square @ square).dtype == torch.float32
 
 
-def test_another_name_is_refused():
+def test_unknown_precision_is_rejected():
     with pytest.raises(ValueError, match=r"precision='half': must be one of auto, bfloat16"):
         Precision("half", CPU)

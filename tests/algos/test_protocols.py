@@ -22,7 +22,7 @@ def test_missing_members_are_named():
 
 
 @pytest.mark.parametrize("size", [2, 3])
-def test_one_deviation_is_that_of_every_dimension(size):
+def test_single_deviation_applies_to_every_dimension(size):
     actions = []
     for std in (0.5, [0.5] * size):
         torch.manual_seed(0)
@@ -32,7 +32,7 @@ def test_one_deviation_is_that_of_every_dimension(size):
     assert torch.equal(*actions) and actions[0].shape == (4, size)
 
 
-def test_deviations_of_another_number_are_refused():
+def test_wrong_number_of_deviations_is_rejected():
     td = TensorDict({"action": torch.zeros(4, 3)}, [4])
     with (
         set_exploration_type(ExplorationType.RANDOM),

@@ -26,7 +26,7 @@ def moved(before, after):
 
 
 @pytest.mark.parametrize("steps", [None, 3])
-def test_the_target_is_the_lower_of_two_values(steps):
+def test_target_is_the_minimum_of_two_q_values(steps):
     td3, data = agent(gamma=0.9, target_noise=0.0), batch()
     if steps is not None:
         data["steps_to_next_obs"] = torch.full((8, 1), float(steps))
@@ -50,7 +50,7 @@ def test_the_target_is_the_lower_of_two_values(steps):
 
 
 @pytest.mark.parametrize("loss_function", ["l2", "smooth_l1"])
-def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function):
+def test_losses_and_gradients_equal_torchrls_loss(loss_function):
     td3, data = agent(loss_function=loss_function), batch()
     for _ in range(3):  # weights that have moved by now
         td3.update(batch())
@@ -71,7 +71,7 @@ def test_losses_and_gradients_are_those_of_torchrls_loss(loss_function):
     torch.testing.assert_close(our_gradients, their_gradients)
 
 
-def test_target_actions_are_blurred_within_bounds():
+def test_target_policy_smoothing_stays_within_bounds():
     data = batch(64)
     exact, blurred = (
         agent(target_noise=noise)._losses(data.clone())["target_value"] for noise in (0.0, 0.2)
@@ -93,7 +93,7 @@ def test_actor_and_targets_move_at_every_third_update():
         assert scalars["loss_actor"] != 0.0  # the last one stands in
 
 
-def test_a_copy_goes_on_in_the_same_way():
+def test_copied_learner_continues_identically():
     one, other, data = agent(), agent(critic_learning_rate=1.0), batch()
     for _ in range(3):
         one.update(data.clone())

@@ -63,7 +63,7 @@ def test_the_json_has_all_rows_with_proper_numbers(run):
     assert sum(shares) == pytest.approx(100, abs=5)
 
 
-def test_every_bar_of_the_table_is_there(run):
+def test_table_contains_every_limit(run):
     report = json.loads((run[0] / "benchmark.json").read_text())
     bars = {row["key"]: row["bar"] for row in report["rows"] if row["bar"]}
     wanted = {
@@ -90,7 +90,7 @@ def test_one_table_is_printed_with_every_row(run):
     assert report["machine"]["processor"] in run[1]
 
 
-def test_peers_that_are_not_there_are_named(run):
+def test_missing_peers_are_named(run):
     report = json.loads((run[0] / "benchmark.json").read_text())
     keys, skipped = {row["key"] for row in report["rows"]}, " ".join(report["skipped"])
     for name, module in (("navground", "navground"), ("ir_sim", "irsim")):
@@ -99,7 +99,7 @@ def test_peers_that_are_not_there_are_named(run):
         assert (f"{name}: not installed" in skipped) != is_there
 
 
-def test_the_picture_is_there(run):
+def test_picture_is_written(run):
     assert (run[0] / "benchmark.png").read_bytes().startswith(b"\x89PNG")
     text = (run[0] / "benchmark.svg").read_text()
     for words in ("bars reached", "growth with boxes", "a training's time"):
@@ -109,7 +109,7 @@ def test_the_picture_is_there(run):
 @pytest.mark.parametrize(
     "rows", [["warp_drive"], [], ["latency", "latency"]], ids=["unknown", "none", "twice"]
 )
-def test_unknown_rows_are_answered_with_the_known(rows, tmp_path):
+def test_unknown_row_error_lists_known_rows(rows, tmp_path):
     cfg = compose("benchmark", [f"rows=[{','.join(rows)}]"])
     with pytest.raises(ValueError, match="latency") as error:
         jobs.run_benchmark(cfg, tmp_path)

@@ -14,10 +14,10 @@ OPTIONS += ["network=small", "replay.batch_size=8"]
 BARS = {"gpu.steps": "≥ 1,000,000", "gpu.update_recorded": "≥ 1,500", "gpu.paper": "≤ 10"}
 
 
-def test_rows_and_bars():
+def test_rows_have_their_limits():
     cfg = compose("benchmark", OPTIONS)
     env = _maker(cfg)(4)
-    shapes = {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]}
+    shapes = {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
     learner = _learner(cfg, shapes, "float32", "cpu")
     batch = random_transitions(shapes, 8)
     frames = np.array([50_000.0, 90_000.0])
@@ -29,7 +29,7 @@ def test_rows_and_bars():
     assert all(row.median > 0 for row in rows) and env.is_closed
 
 
-def test_without_a_gpu_it_is_said_what_is_missing(tmp_path, monkeypatch):
+def test_missing_gpu_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr("navrl.jobs.benchmark.missing_for_cuda", lambda: "a device")
     report = jobs.run_benchmark(compose("benchmark", [*OPTIONS, "rows=[icp_tagd,gpu]"]), tmp_path)
     assert report.skipped == ["gpu: needs a device"]
@@ -37,7 +37,7 @@ def test_without_a_gpu_it_is_said_what_is_missing(tmp_path, monkeypatch):
         jobs.run_benchmark(compose("benchmark", OPTIONS), tmp_path)
 
 
-def test_other_rows_are_the_cpus(tmp_path, monkeypatch):
+def test_other_rows_measure_the_cpu(tmp_path, monkeypatch):
     monkeypatch.setattr("navrl.jobs.benchmark.make_device", lambda _: backend.torch.device("cuda"))
     with pytest.raises(ValueError, match=r"device=cuda: rows=\[gpu\] measures a GPU"):
         jobs.run_benchmark(compose("benchmark", [*OPTIONS, "device=cuda"]), tmp_path)

@@ -9,7 +9,7 @@ from navrl.benchmarks import Budget, count_flops, random_transitions, update_row
 from navrl.config import compose, instantiate
 from navrl.factory import make_agent
 
-SHAPES = {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]}
+SHAPES = {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
 ITEMS = 30  # sectors, or descriptors, that the layers of a stream run on
 
 
@@ -35,7 +35,7 @@ def multiplications(network) -> tuple[int, int, int]:
 
 
 @pytest.mark.parametrize("batch_size", [4, 32])
-def test_operations_of_the_papers_network_are_as_counted_by_hand(batch_size):
+def test_flops_of_the_papers_network_match_a_manual_count(batch_size):
     cfg = compose("train", ["experiment=paper"])
     actor, critic = make_agent(cfg, SHAPES)
     (actor_all, actor_first, _), (critic_all, critic_first, critic_output) = (
@@ -54,7 +54,7 @@ def test_operations_of_the_papers_network_are_as_counted_by_hand(batch_size):
     assert done == pytest.approx(by_hand - once, rel=0.02)
 
 
-def test_transitions_are_what_the_learner_takes():
+def test_random_transitions_fit_the_learner():
     batch = random_transitions(SHAPES, 100)
     assert batch.batch_size == (100,)
     assert batch["spatial"].shape == (100, 180, 2)
@@ -65,7 +65,7 @@ def test_transitions_are_what_the_learner_takes():
 
 
 @pytest.mark.gpu
-def test_a_cuda_device_has_rows_of_its_own():
+def test_cuda_device_has_its_own_rows():
     cfg = compose("train", ["experiment=paper"])
 
     def make(precision, device):

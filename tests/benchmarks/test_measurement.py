@@ -12,7 +12,7 @@ from navrl.benchmarks import Bar, Budget, Report, Row, Series, Task, alternate, 
 from navrl.benchmarks.results import PUBLISHED, at_most, number
 
 
-def test_tasks_take_turns_there_and_back_after_one_run_each():
+def test_tasks_alternate_in_both_orders_after_warm_up():
     order = []
 
     def work(name):
@@ -26,7 +26,7 @@ def test_tasks_take_turns_there_and_back_after_one_run_each():
     assert order == ["a", "b", "a", "b", "b", "a", "a", "b"]
 
 
-def test_a_rate_is_units_over_seconds():
+def test_rate_is_units_per_second():
     def work():
         time.sleep(0.02)
         return 10
@@ -36,7 +36,7 @@ def test_a_rate_is_units_over_seconds():
     assert (rates <= 500).all()  # a busy machine sleeps longer, never shorter
 
 
-def test_preparation_is_not_measured(monkeypatch):
+def test_preparation_time_is_not_measured(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
     calls = []
@@ -52,7 +52,7 @@ def test_preparation_is_not_measured(monkeypatch):
     assert rates["work"].tolist() == [2.0] * 3
 
 
-def test_each_task_has_its_threads_and_the_old_number_comes_back():
+def test_each_task_sets_and_restores_its_threads():
     before, seen = torch.get_num_threads(), []
 
     def work():
@@ -65,19 +65,19 @@ def test_each_task_has_its_threads_and_the_old_number_comes_back():
 
 
 @pytest.mark.parametrize("wrong", [{"seconds": 0.0}, {"repeats": 0}])
-def test_an_empty_budget_is_refused(wrong):
+def test_empty_budget_is_rejected(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Budget(**{"seconds": 1.0, "repeats": 1, **wrong})
 
 
 @pytest.mark.parametrize("exponent", [-1.0, 0.0, 0.5, 1.0, 2.0])
-def test_exponents_of_power_laws_are_found(exponent):
+def test_exponent_of_a_power_law_is_exact(exponent):
     sizes = [8, 16, 64, 100, 256]
     costs = np.stack([3.0 * np.array(sizes, float) ** exponent, 5.0 * np.array(sizes) ** 1.5])
     np.testing.assert_allclose(fit_exponents(sizes, costs), [exponent, 1.5], atol=1e-12)
 
 
-def test_the_exponent_of_a_noisy_power_law_is_near():
+def test_exponent_of_a_noisy_power_law_is_close():
     generator = np.random.default_rng(0)
     sizes = np.array([1, 4, 16, 64, 256, 1024])
     costs = sizes**0.8 * np.exp(generator.normal(0, 0.05, (50, 6)))
@@ -89,12 +89,12 @@ def test_the_exponent_of_a_noisy_power_law_is_near():
 @pytest.mark.parametrize(
     ("sizes", "costs"), [([4], [1.0]), ([4, 4], [1.0, 2.0]), ([1, 2], [1.0]), ([0, 2], [1.0, 2.0])]
 )
-def test_what_has_no_exponent_is_refused(sizes, costs):
+def test_data_without_an_exponent_is_rejected(sizes, costs):
     with pytest.raises(ValueError, match=r"sizes|positive"):
         fit_exponents(sizes, np.array(costs))
 
 
-def test_median_quartiles_and_bars():
+def test_median_quartiles_and_limits_are_exact():
     row = Row("key", "label", "/s", [4.0, 1.0, 2.0, 3.0, 5.0], Bar(3.0))
     assert row.median == 3.0
     assert row.spread == (2.0, 4.0)
@@ -105,7 +105,7 @@ def test_median_quartiles_and_bars():
 
 
 @pytest.mark.parametrize("values", [[], [1.0, float("nan")], [float("inf")]])
-def test_a_row_without_proper_numbers_is_refused(values):
+def test_row_without_finite_numbers_is_rejected(values):
     with pytest.raises(ValueError, match="speed"):
         Row("speed", "label", "/s", values)
 
@@ -117,7 +117,7 @@ def make_report():
     return report
 
 
-def test_the_table_shows_all_and_lines_up():
+def test_table_shows_all_rows_aligned():
     text = make_report().table()
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert len({len(line) for line in lines}) == 1
@@ -126,7 +126,7 @@ def test_the_table_shows_all_and_lines_up():
     assert "0.5" in lines[3]  # a series has its row: cost doubles while boxes quadruple
 
 
-def test_the_report_survives_json(tmp_path):
+def test_report_round_trips_through_json(tmp_path):
     make_report().save(tmp_path / "report.json")
     plain = json.loads((tmp_path / "report.json").read_text())
     assert [row["key"] for row in plain["rows"]] == ["scan", "growth.boxes"]
@@ -145,12 +145,12 @@ def test_a_row_is_reported_once():
 @pytest.mark.parametrize(
     ("value", "text"), [(1234567.8, "1,234,568"), (999.6, "1,000"), (12.345, "12.3"), (0.5, "0.5")]
 )
-def test_numbers_are_plain(value, text):
+def test_numbers_are_formatted_without_exponents(value, text):
     assert number(value) == text
 
 
 @pytest.mark.parametrize(("ratio", "is_warned"), [(0.66, True), (2000.0, True), (150.0, False)])
-def test_a_row_far_from_its_published_figure_is_warned_of(ratio, is_warned):
+def test_deviation_from_published_figure_is_warned(ratio, is_warned):
     report = Report({}, factor=5.0)
     report.add(Row("scan.ratio", "… 1 core / PyBullet", "x", [ratio]))
     text = report.table()
@@ -159,7 +159,7 @@ def test_a_row_far_from_its_published_figure_is_warned_of(ratio, is_warned):
     assert "warning" not in Report({}, report.rows).table()  # without a factor
 
 
-def test_published_figures_are_those_of_the_page():
+def test_published_figures_equal_the_documented_ones():
     page = (Path(__file__).parents[2] / "docs" / "benchmark.md").read_text()
     cells = [line.split(" | ") for line in page.partition("## Measured")[2].splitlines()]
     medians = [

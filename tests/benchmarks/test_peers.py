@@ -55,7 +55,7 @@ def test_robots_move_between_two_scans(kind, num_worlds):
 
 
 @pytest.mark.parametrize(("peer", "module"), [(Navground, "navground"), (IrSim, "irsim")])
-def test_peers_have_the_room_around_the_robot(peer, module):
+def test_peers_have_walls_around_the_robot(peer, module):
     pytest.importorskip(module, reason="a peer of the benchmark")
     world, scans = peer(), []
     for _ in range(2):

@@ -22,14 +22,14 @@ def simulator(num_worlds=3, max_pedestrians=10):
     )
 
 
-def test_rooms_have_as_many_boxes_as_asked_and_differ():
+def test_rooms_have_the_requested_boxes_and_differ():
     scenes = clutter(3, 32)
     assert scenes.num_boxes.tolist() == [32] * 3
     assert not torch.equal(scenes.boxes[0], scenes.boxes[1])
     assert (scenes.boxes[:, 4:, :2].norm(dim=-1) >= FREE_RADIUS - 1e-9).all()
 
 
-def test_robots_turn_among_walkers_for_long_and_touch_nobody():
+def test_turning_robots_touch_no_pedestrian():
     worlds = simulator()
     task = drive_task(worlds, clutter(3, 32, 10))
     before = worlds.state()
@@ -51,7 +51,7 @@ def make_parts():
     return instantiate(cfg.transforms), actor, drive, env
 
 
-def test_a_random_drive_ends_episodes_and_goes_on():
+def test_random_drive_continues_after_episode_ends():
     drive = RandomDrive(make_parts()[3])
     steps = [drive() for _ in range(200)]
     assert set(steps) == {1}

@@ -6,7 +6,7 @@ from navrl.benchmarks.training import training_rows
 
 
 @pytest.mark.parametrize("phases", [("act", "environment", "update"), ("wait", "push", "update")])
-def test_rows_are_of_the_phases_that_the_log_has(tmp_path, phases):
+def test_rows_are_the_phases_of_the_log(tmp_path, phases):
     log = tmp_path / "metrics.csv"
     names = [f"seconds/{phase}" for phase in phases]
     speeds = ["speed/frames_per_s", "speed/updates_per_s"]
@@ -19,7 +19,7 @@ def test_rows_are_of_the_phases_that_the_log_has(tmp_path, phases):
     assert (rows[f"training.{phases[1]}"].bar is not None) == (phases[1] == "environment")
 
 
-def test_a_log_without_timings_is_refused(tmp_path):
+def test_log_without_timings_is_rejected(tmp_path):
     log = tmp_path / "metrics.csv"
     log.write_text("frames,speed/frames_per_s\n1,\n2,100\n")
     with pytest.raises(ValueError, match="two rows with timings"):

@@ -16,7 +16,7 @@ def compare(folder, *words):
     )
 
 
-def test_folders_are_words_and_the_first_is_the_reference(tmp_path):
+def test_folder_arguments_use_the_first_as_reference(tmp_path):
     write_evaluation(tmp_path / "policy=paper", "paper", [WON, WON, HIT])
     write_evaluation(tmp_path / "b", "dwa", [WON, HIT, HIT])
     done = compare(tmp_path, "policy=paper", "b", "out=tables")
@@ -29,7 +29,7 @@ def test_folders_are_words_and_the_first_is_the_reference(tmp_path):
     assert left == {"policy=paper", "b", "tables"}  # no run folder, no log
 
 
-def test_other_episodes_are_refused_in_a_line(tmp_path):
+def test_different_episodes_are_a_one_line_error(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON])
     write_evaluation(tmp_path / "b", "dwa", [WON], suite_hash="other")
     done = compare(tmp_path, "a", "b")

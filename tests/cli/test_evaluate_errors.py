@@ -60,7 +60,7 @@ def raising(monkeypatch, tmp_path):
     return replace
 
 
-def test_all_episodes_raised_is_no_result(raising, capsys, tmp_path):
+def test_evaluation_with_only_errors_fails(raising, capsys, tmp_path):
     raising(None)
     for _ in range(2):  # the same again after it has finished
         status, _, lines = run("evaluate", ["policy=random", *TINY], capsys)
@@ -98,7 +98,7 @@ def test_errors_are_in_the_printed_line(raising, capsys, tmp_path):
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_what_has_no_effect_is_an_error_at_the_start(
+def test_override_without_effect_fails_at_the_start(
     command, words, line, capsys, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)

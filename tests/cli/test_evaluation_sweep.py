@@ -30,7 +30,7 @@ def evaluate(folder, *overrides):
     )
 
 
-def test_words_stand_for_what_there_is():
+def test_group_words_expand_to_existing_policies():
     everything = expand_policies(["all"])
     assert {"paper", "pure_pursuit", "oracle"} <= set(everything)
     assert all(bundle_folder(name) for name in expand_policies(["zoo"]))
@@ -39,14 +39,14 @@ def test_words_stand_for_what_there_is():
     assert expand_policies(["mine"]) == ["mine"]
 
 
-def test_a_controller_without_its_library_is_left_out(monkeypatch, caplog):
+def test_controller_without_its_library_is_skipped(monkeypatch, caplog):
     monkeypatch.setattr(Orca, "requires", ("no_such_module",))
     assert "orca" not in expand_policies(["all"])
     assert "no_such_module" in caplog.text
     assert expand_policies(["orca"]) == ["orca"]  # asked for by name: the error is its own
 
 
-def test_a_sweep_ends_in_one_table_and_repeats_nothing(tmp_path):
+def test_sweep_prints_one_table_and_repeats_no_job(tmp_path):
     first = evaluate(tmp_path, "policy=pure_pursuit,stand_still")
     assert first.returncode == 0, first.stderr[-3000:]
     (job,) = (tmp_path / "sweep").glob("*/pure_pursuit")
@@ -64,7 +64,7 @@ def test_a_sweep_ends_in_one_table_and_repeats_nothing(tmp_path):
     assert (tmp_path / "sweep" / "comparison.csv").is_file()
 
 
-def test_a_folder_belongs_to_one_configuration(tmp_path):
+def test_folder_of_another_configuration_is_rejected(tmp_path):
     claim_folder(compose("evaluate", ["policy=random"]), tmp_path)
     claim_folder(compose("evaluate", ["policy=random", "num_threads=1"]), tmp_path)
     with pytest.raises(ValueError, match="policy is random there and dwa here"):
@@ -80,7 +80,7 @@ def test_folder_names_are_short_and_distinct():
     assert folder_name("../..") == "job"
 
 
-def test_a_sweep_over_suites_by_one_word(tmp_path):
+def test_one_word_sweeps_over_suites(tmp_path):
     words = ["sweep=speed", "policy=stand_still", "suite=speed_corridor,speed_office"]
     words += ["suite.distribution.speed=[0.2,0.2],[1.0,1.0]", *TINY[1:-1]]
     done = evaluate(tmp_path, *words, "hydra.sweep.dir=outputs/evaluate/speed")

@@ -82,7 +82,7 @@ def test_jobs_of_a_sweep_share_its_new_folder(tmp_path):
     assert len(os.listdir(tmp_path)) == 2
 
 
-def test_folder_named_by_the_user_is_taken_as_it_is(tmp_path):
+def test_folder_chosen_by_the_user_is_used_unchanged(tmp_path):
     config = OmegaConf.create({"hydra": {"run": {"dir": str(tmp_path)}}})
     NewFolder().on_run_start(config)
     assert config.hydra.run.dir == str(tmp_path)
@@ -113,22 +113,22 @@ def resumed(folder, *overrides):
         (["simulator@final_simulator=bullet"], r"final_simulator\.\S+: the run has"),
     ],
 )
-def test_resume_refuses_values_that_the_run_has_not(run, overrides, message):
+def test_resume_rejects_values_other_than_the_runs(run, overrides, message):
     with pytest.raises(ValueError, match=message):
         resumed(run, *overrides)
 
 
-def test_resume_takes_what_changes_no_result(run):
+def test_resume_accepts_values_that_change_no_result(run):
     cfg = resumed(run, "device=cuda", "num_threads=1", "progress_bar=false")
     assert (cfg.device, cfg.num_threads, cfg.progress_bar) == ("cuda", 1, False)
     assert cfg.seed == 3 and cfg.resume is None
 
 
-def test_resume_takes_the_whole_command_again(run):
+def test_resume_accepts_the_original_command(run):
     assert resumed(run, *SMALL, "seed=3").seed == 3
 
 
-def test_edited_configuration_is_noticed(run):
+def test_edited_configuration_is_detected(run):
     file = run / "config.yaml"
     text = file.read_text()
     file.write_text(text.replace("num_threads: null", "num_threads: 1"))

@@ -33,7 +33,7 @@ COMMANDS = [
     "play policy=papre",
     "benchmark rows=[scna]",
     "compare metric=[spl]",
-    "plot sorce=a",
+    "plot sourcx=a",
 ]
 
 

@@ -45,12 +45,12 @@ def test_sweeps_name_experiments_that_exist(name):
     assert node.sweep.dir == f"outputs/train/{name}"
 
 
-def test_without_a_sweep_the_final_score_is_by_the_training_simulator():
+def test_final_score_defaults_to_the_training_simulator():
     cfg = compose("train", ["simulator=bullet"])
     assert cfg.final_simulator["_target_"].endswith("BulletSimulator")
 
 
-def test_an_unknown_sweep_is_answered_by_those_there_are(tmp_path):
+def test_unknown_sweep_error_lists_known_sweeps(tmp_path):
     result = train(tmp_path, "-m", "sweep=everything")
     assert result.returncode == 2
     (line,) = [x for x in result.stderr.splitlines() if x.startswith("navrl: ")]
@@ -58,7 +58,7 @@ def test_an_unknown_sweep_is_answered_by_those_there_are(tmp_path):
 
 
 @pytest.mark.slow
-def test_one_word_trains_all_and_again_trains_what_is_missing(tmp_path):
+def test_repeated_sweep_trains_only_missing_jobs(tmp_path):
     words = ["-m", "sweep=seeds", "seed=0,1", *TINY]
     first = train(tmp_path, *words)
     assert first.returncode == 0, first.stderr[-3000:]

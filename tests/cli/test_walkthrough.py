@@ -50,7 +50,7 @@ def outputs_of_before(words):
 
 
 @pytest.mark.slow
-def test_every_command_of_the_page(tmp_path):
+def test_all_commands_of_the_walkthrough_run(tmp_path):
     pytest.importorskip("plotly", reason="needs the extra report")
     if shutil.which("ffmpeg") is None:
         pytest.skip("needs the program ffmpeg")

@@ -46,7 +46,7 @@ def test_environments_without_a_seed_differ(kind):
 
 
 @SLOW
-def test_subprocesses_generate_the_worlds_on_several_cores(tmp_path, monkeypatch):
+def test_subprocess_worlds_are_generated_on_several_cores(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     overrides = [*SMALL[:1], "pool_size=40", "num_threads=2", *SMALL[3:]]
     env = make(overrides, vec_env_cls=SubprocVecEnv)

@@ -34,7 +34,7 @@ def clear(beams=1440):
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_commands_are_those_of_the_simulated_episode(experiment):
+def test_commands_equal_those_of_the_simulated_episode(experiment):
     torch.manual_seed(0)
     cfg = deployed(compose("train", [f"experiment={experiment}", "suite=smoke"]))
     robot, lidar = instantiate(cfg.robot), instantiate(cfg.lidar)
@@ -59,7 +59,7 @@ def test_commands_are_those_of_the_simulated_episode(experiment):
 
 
 @pytest.mark.parametrize("policy", ["paper", "liang_original", "navrl-best"])
-def test_a_map_far_from_its_origin_changes_no_command(policy):
+def test_commands_are_equal_far_from_the_map_origin(policy):
     runner = PolicyRunner.from_bundle(ZOO / policy)
     shift = np.array([5e5, 5.6e6, 0.0])  # m, as UTM coordinates are
     path = np.stack([np.linspace(0.0, 4.0, 41), np.sin(np.linspace(0.0, 4.0, 41))], axis=-1)
@@ -122,7 +122,7 @@ def test_last_action_after_a_stop_is_zero(slow_wheels, state):
     assert slow_wheels.act(free(), (0, 0, 0), AHEAD)[0] == pytest.approx(0.4, abs=1e-3)
 
 
-def test_the_past_counts_and_is_forgotten(runner):
+def test_history_affects_commands_until_reset(runner):
     near, farther = clear(), clear()
     near[:60], farther[:60] = 1.0, 1.1
     runner.reset()
@@ -135,7 +135,7 @@ def test_the_past_counts_and_is_forgotten(runner):
 
 
 @pytest.mark.parametrize("miss", [np.nan, np.inf, 0.0, 25.0])
-def test_a_beam_without_return_may_read_anything(runner, miss):
+def test_beam_without_return_accepts_any_value(runner, miss):
     commands = []
     for value in (3.5, miss):
         ranges = clear()
@@ -160,7 +160,7 @@ def test_a_beam_without_return_may_read_anything(runner, miss):
         (clear(), (0, 0, 0), [(0, 0), (np.inf, 0)], "path: must be finite"),
     ],
 )
-def test_what_cannot_be_sensed_is_refused_and_not_remembered(runner, ranges, pose, path, message):
+def test_invalid_scan_is_rejected_and_not_stored(runner, ranges, pose, path, message):
     runner.reset()
     expected = runner.act(clear(), (0, 0, 0), AHEAD)
     runner.reset()
@@ -170,7 +170,7 @@ def test_what_cannot_be_sensed_is_refused_and_not_remembered(runner, ranges, pos
     assert np.array_equal(runner.act(clear(), (0, 0, 0), AHEAD), expected)
 
 
-def test_transforms_of_another_lidar_are_refused():
+def test_transforms_for_another_lidar_are_rejected():
     bundle = load_bundle(ZOO / "paper")
     lidar = bundle.build("lidar", num_beams=1441)
     with pytest.raises(ValueError, match="1441"):

@@ -20,10 +20,10 @@ PATH = [(0.1 * i, 0.0) for i in range(41)]  # m, straight ahead
 DEGREE = BEAMS // 360  # beams
 
 
-def corridor(half_width=1.5, farthest=25.0):
+def corridor(half_width=1.5, max_range=25.0):
     """Ranges, m, between two walls of unlimited length."""
     bearing = np.arange(BEAMS) * 2 * np.pi / BEAMS
-    return np.minimum(half_width / np.maximum(np.abs(np.sin(bearing)), 1e-9), farthest)
+    return np.minimum(half_width / np.maximum(np.abs(np.sin(bearing)), 1e-9), max_range)
 
 
 def but(count, value, others):
@@ -50,8 +50,8 @@ DEAD = {
     "all NaN but one": but(1, 3.0, np.nan),
     "all inf but 14": but(14, 3.0, np.inf),
     "all zero but 14": but(14, 3.0, 0.0),
-    "integer millimetres": (1000 * corridor()).astype(np.int64),
-    "millimetres": 1000 * corridor(),
+    "integer millimeters": (1000 * corridor()).astype(np.int64),
+    "millimeters": 1000 * corridor(),
     "NaN ahead": with_sector(np.nan, -10, 11),
     "negative ahead": with_sector(-1.0, -10, 11),
     "NaN to the left": with_sector(np.nan, 60, 75),
@@ -119,12 +119,12 @@ def test_scan_without_returns_is_blind_by_default():
     assert check().state(person) is DriveState.DRIVE
     relaxed = SafetyLimits(min_measured_share=0.0)
     assert check(relaxed).state(empty) is DriveState.DRIVE
-    for name in ("all NaN", "all negative", "millimetres", "NaN ahead"):
+    for name in ("all NaN", "all negative", "millimeters", "NaN ahead"):
         assert check(relaxed).state(DEAD[name]) is DriveState.BLIND
 
 
 def test_scan_in_millimeters_measures_nothing():
-    assert check(SafetyLimits(max_gap=7.0)).state(DEAD["millimetres"]) is DriveState.BLIND
+    assert check(SafetyLimits(max_gap=7.0)).state(DEAD["millimeters"]) is DriveState.BLIND
 
 
 @pytest.mark.parametrize("code", [25.0, 65.533, 655.35, 3e38, np.inf, 0.0])
@@ -172,13 +172,13 @@ def test_sector_ahead_follows_the_lidar_mount():
     assert check(mount=(0.0, 0.0, math.pi)).state(with_sector(np.nan, -60, 60)) is DriveState.DRIVE
 
 
-def test_two_thirds_of_beams_lost_at_random_is_not_blind():
+def test_scan_without_two_thirds_of_beams_is_not_blind():
     ranges = corridor()
     ranges[np.random.default_rng(0).random(BEAMS) < 0.66] = np.nan
     assert check().state(ranges) is DriveState.DRIVE
 
 
-def test_blind_scan_is_not_remembered(runner):
+def test_blind_scan_is_not_stored(runner):
     near = with_sector(1.0, -20, 20)
     commands = []
     for blind in ([], [DEAD["all inf"], DEAD["all NaN"]]):
@@ -207,7 +207,7 @@ def test_robot_outside_the_goal_radius_drives(runner):
 
 
 @pytest.mark.parametrize("pose", [(1, 5, 0), (1, -2.1, 0), (7, 0, 0), (3e38, 0, 0), (1e3, 1e3, 0)])
-def test_robot_far_from_its_path_stops_and_forgets_the_pose(runner, pose):
+def test_robot_far_from_its_path_stops_and_resets_the_pose(runner, pose):
     commands = []
     for is_lost in (False, True):
         runner.reset()
@@ -271,7 +271,7 @@ def test_shield_of_a_faster_robot_is_clipped():
 
 
 @pytest.mark.parametrize("fault", ["raises", "not finite"])
-def test_failed_decision_is_not_remembered(fault):
+def test_failed_decision_is_not_stored(fault):
     bundle = load_bundle(ZOO / "paper")
     parts = (bundle.build(part) for part in ("lidar", "robot"))
     broken = {"now": False}

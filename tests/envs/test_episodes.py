@@ -64,12 +64,12 @@ def test_limits_must_be_positive(options):
         make(scenario(), **options)
 
 
-def test_terms_that_are_none_are_left_out():
+def test_terms_set_to_none_are_omitted():
     env = make(scenario())
     assert set(env.reset()["reward_terms"].keys()) == TERMS.keys() - {"absent"}
 
 
-def test_action_bounds_are_the_robots():
+def test_action_bounds_equal_the_robots_limits():
     spec = make(scenario(), scenario()).action_spec.space
     robot = DifferentialDrive()
     assert spec.low[1].tolist() == pytest.approx([robot.min_speed, -robot.max_turn_rate])
@@ -107,7 +107,7 @@ def test_clearance_is_never_negative():
     assert td["pedestrian_clearance"].item() == 0.0
 
 
-def test_progress_starts_anew_after_a_partial_reset():
+def test_progress_restarts_after_a_partial_reset():
     env = make(scenario(), scenario())
     td = drive(env, env.reset(), [1.0, 1.0], steps=5)
     td = drive(env, reset_first(env, td), [1.0, 0.5])
@@ -139,7 +139,7 @@ def test_partial_reset_replaces_goal_path_and_noise():
     assert td["outcome"].flatten().tolist() == [Outcome.SUCCESS, Outcome.RUNNING]
 
 
-def test_noise_follows_its_seed():
+def test_noise_depends_on_its_seed():
     room = [(0.0, 1.0, 5.0, 0.1, 0.0), (0.0, -1.0, 5.0, 0.1, 0.0)]
     seeds = (1, 1, 2)
     env = make(*(scenario(walls=room, noise_seed=seed) for seed in seeds))
@@ -166,7 +166,7 @@ def test_restored_state_draws_the_same_episodes():
     assert torch.equal(env.reset()["pose"], other.reset()["pose"])
 
 
-def test_without_scenarios_reset_names_what_is_missing():
+def test_reset_without_scenarios_names_the_missing_argument():
     simulator = BatchedSimulator(1, DifferentialDrive(), Lidar(num_beams=72))
     with pytest.raises(ValueError, match=r"scenarios=None: call set_scenarios\(\)"):
         NavigationEnv(simulator, None, TERMS).reset()
@@ -194,7 +194,7 @@ def test_progress_does_not_jump_to_a_near_branch_of_the_path():
     assert td["reward_terms", "progress"].item() == pytest.approx(0.0, abs=1e-5)
 
 
-def test_partial_reset_plays_the_worlds_own_scenario():
+def test_partial_reset_uses_the_worlds_own_scenario():
     env = make(scenario(), scenario(goal=5.0))
     td = env.reset()
     mask = torch.tensor([[False], [True]])

@@ -31,7 +31,7 @@ def assert_unchanged(before):
 
 
 @pytest.mark.parametrize("seed", [None, 3])
-def test_environment_leaves_global_generators_alone(seed):
+def test_environment_keeps_global_random_state(seed):
     before = global_states()
     env = make(seed)
     td = env.reset()
@@ -43,7 +43,7 @@ def test_environment_leaves_global_generators_alone(seed):
     assert_unchanged(before)
 
 
-def test_transformed_environment_leaves_global_generators_alone():
+def test_transformed_environment_keeps_global_random_state():
     cfg = compose("train", SMALL)
     before = global_states()
     env = factory.make_env(make(None), instantiate(cfg.transforms))
@@ -52,7 +52,7 @@ def test_transformed_environment_leaves_global_generators_alone():
     assert_unchanged(before)
 
 
-def test_gymnasium_environment_leaves_global_generators_alone():
+def test_gymnasium_environment_keeps_global_random_state():
     before = global_states()
     env = gymnasium.make("navrl/Navigation-v0", overrides=SMALL)
     env.reset(seed=4)
@@ -62,7 +62,7 @@ def test_gymnasium_environment_leaves_global_generators_alone():
 
 
 @pytest.mark.parametrize("name", ["random", "pure_pursuit", "dwa"])
-def test_controllers_leave_global_generators_alone(name):
+def test_controllers_keep_global_random_state(name):
     cfg = compose("train", [*SMALL, f"+controller@policy={name}"])
     env = factory.make_env(make(None), instantiate(cfg.transforms))
     before = global_states()

@@ -215,7 +215,7 @@ def test_render_before_the_first_reset_raises():
         make(render_mode="rgb_array").unwrapped.render()
 
 
-def test_human_mode_is_gymnasiums_window():
+def test_human_mode_uses_gymnasiums_window():
     with pytest.warns(UserWarning, match="HumanRendering"):
         env = make(render_mode="human")
     assert env.render_mode == "human"
@@ -242,7 +242,7 @@ def test_human_mode_is_gymnasiums_window():
         ("~transforms.tagd", "transforms"),
     ],
 )
-def test_override_without_effect_is_refused(override, key):
+def test_override_without_effect_is_rejected(override, key):
     with pytest.raises(ValueError, match=rf"overrides='.*': must .*; {key} has no effect"):
         make(override)
 
@@ -280,7 +280,7 @@ def test_unknown_keyword_is_a_type_error():
         gymnasium.make("navrl/Navigation-v0", typo=1)
 
 
-def test_options_are_refused():
+def test_reset_options_are_rejected():
     env = make()
     with pytest.raises(ValueError, match=r"options=\{'suite': 'table1'\}: must be None"):
         env.reset(options={"suite": "table1"})
@@ -288,7 +288,7 @@ def test_options_are_refused():
 
 
 @pytest.mark.parametrize("action", [[0.0, 0.0, 0.0], [[0.0], [0.0]], 0.0])
-def test_action_of_another_shape_is_refused(action):
+def test_action_of_another_shape_is_rejected(action):
     env = make().unwrapped
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"action.shape=.*: must be \(2,\)"):

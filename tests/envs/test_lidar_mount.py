@@ -62,7 +62,7 @@ def drive(env, steps=6):
 
 @pytest.mark.parametrize("transforms", PIPELINES)
 @pytest.mark.parametrize("yaw", [3.14159265, -math.pi / 2, math.pi / 90])
-def test_a_mount_turned_by_whole_bins_gives_the_same_observations(transforms, yaw):
+def test_mount_rotated_by_whole_bins_keeps_observations(transforms, yaw):
     plain, _ = make(transforms=transforms)
     turned, _ = make(f"[0.0, 0.0, {yaw}]", transforms)
     expected, got = drive(plain), drive(turned)
@@ -78,7 +78,7 @@ def test_a_mount_turned_by_whole_bins_gives_the_same_observations(transforms, ya
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
 @pytest.mark.parametrize("mount", MOUNTS.values(), ids=MOUNTS)
-def test_points_lie_on_what_they_hit(mount, simulator):
+def test_points_lie_on_obstacle_surfaces(mount, simulator):
     env, cfg = make(mount, simulator=simulator)
     cfg.transforms.min_pool.bearing = "beam"
     exact, _ = factory.make_env(env.base_env, instantiate(cfg.transforms)), cfg
@@ -128,7 +128,7 @@ def recording(request):
     return record_episode(player.env, player.policy, instantiate(cfg.suite).scenarios([0])[0])
 
 
-def test_pictures_show_the_scan_where_the_walls_are(recording, tmp_path):
+def test_pictures_draw_the_scan_on_the_walls(recording, tmp_path):
     """With the pooled points and without: then the raw beams are drawn."""
     bare = dataclasses.replace(recording, points=None)
     boxes = torch.tensor(np.concatenate([recording.walls, recording.pedestrian_boxes[1]]))
@@ -161,7 +161,7 @@ def test_attention_is_drawn_on_its_sectors_of_the_robot_frame(recording):
     assert (np.abs(np.degrees(bearing) - 90.0) < 6.3).all()
 
 
-def test_a_pooling_for_another_mount_is_refused():
+def test_pooling_for_another_mount_is_rejected():
     env, cfg = make("[0.0, 0.0, 0.5]")
     message = (
         r"lidar.mount=\[0.0, 0.0, 0.5\]: must be the mount of MinPool, which is \[0.0, 0.0, 0.0\]"
@@ -203,7 +203,7 @@ def test_lidar_of_270_degrees_pools_to_the_same_bins(increment):
     assert not part["returns"][:, behind].any() and full["returns"][:, behind].any()
 
 
-def test_pooling_for_other_angles_than_the_lidar_is_refused():
+def test_pooling_for_other_beam_angles_is_rejected():
     cfg = compose("train", ["transforms.min_pool.angle_min=0.5", "pool_size=8", "num_threads=1"])
     env = factory.make_navigation_env(cfg, 1, factory.make_pool(cfg), 0)
     with pytest.raises(ValueError, match=r"lidar.angle_min=0.0: must be the angle_min of MinPool"):

@@ -18,11 +18,11 @@ def make(num_worlds=3, *, seed=0, privileged=True, overrides=()):
 
 
 @pytest.mark.parametrize("simulator", ["batched", "bullet"])
-def test_specs(simulator):
+def test_specs_match_outputs(simulator):
     check_env_specs(make(2, overrides=[f"simulator={simulator}"]), seed=0)
 
 
-def test_a_seed_fixes_the_episodes():
+def test_seed_fixes_the_episodes():
     def play(seed):
         env = make(seed=seed, privileged=False)
         torch.manual_seed(0)
@@ -33,7 +33,7 @@ def test_a_seed_fixes_the_episodes():
     assert not torch.equal(first["pose"], other["pose"])
 
 
-def test_partial_reset_touches_no_other_world_and_aliases_nothing():
+def test_partial_reset_leaves_other_worlds_unchanged():
     env = make(3)
     start = env.reset()
     kept = start.clone()
@@ -66,7 +66,7 @@ def test_time_limit_truncates_and_does_not_terminate():
     assert (td["outcome"] == Outcome.TIMEOUT).all()
 
 
-def test_driving_ahead_ends_in_a_collision_that_terminates():
+def test_driving_ahead_terminates_in_a_collision():
     env = make(4)
     td = env.reset()
     seen = torch.zeros(4, 1, dtype=torch.bool)
@@ -99,7 +99,7 @@ def test_clearance_is_measured_from_hull_to_surface():
         assert td["pedestrian_clearance"][world].item() == pytest.approx(min(gaps), abs=1e-4)
 
 
-def test_set_scenarios_needs_one_a_world():
+def test_set_scenarios_requires_one_per_world():
     env = make(3)
     with pytest.raises(ValueError, match="one for each of 3 worlds, got 2"):
         env.set_scenarios(env.scenarios.batch[torch.arange(2)])

@@ -43,7 +43,7 @@ def reset_some(env, td):
 
 @pytest.mark.parametrize("simulator", ["batched", "bullet"])
 @pytest.mark.parametrize("through", ["one reset", "two resets", "restored state"])
-def test_rows_not_reset_carry_present_values(simulator, through):
+def test_rows_not_reset_contain_present_values(simulator, through):
     recorder = ResetRecorder()
     env = TransformedEnv(make(simulator), recorder)
     td = driven(env)
@@ -62,7 +62,7 @@ def test_rows_not_reset_carry_present_values(simulator, through):
     assert all((term[1] == 0).all() for term in recorder.seen["reward_terms"].values())
 
 
-def test_rows_not_reset_keep_a_finished_outcome():
+def test_rows_not_reset_retain_a_finished_outcome():
     recorder = ResetRecorder()
     env = TransformedEnv(make(), recorder)
     td = driven(env, steps=60)
@@ -107,7 +107,7 @@ def perceiving(kind, steps="paper"):
 
 @pytest.mark.parametrize("steps", ["paper", "navrl_best"])
 @pytest.mark.parametrize("through", ["reset", "maybe_reset"])
-def test_perception_carries_present_rows_through_a_reset(steps, through):
+def test_perception_retains_present_rows_during_a_reset(steps, through):
     env, recorder = perceiving("navrl", steps)
     td = driven(env)
     if through == "reset":
@@ -126,7 +126,7 @@ def test_torchrls_transformed_env_has_no_zero_rows():
     env, recorder = perceiving("torchrl")
     td = driven(env)
     _, kept = reset_some(env, td)
-    for key in ("ranges_pooled", "points", "returns", "waypoints", "spatial", "waypoint"):
+    for key in ("ranges_pooled", "points", "returns", "waypoints", "spatial", "waypoints_scaled"):
         torch.testing.assert_close(recorder.seen[key][kept], td[key][kept], rtol=0, atol=1e-5)
     assert recorder.seen["tagd"][kept].abs().sum() > 0
 

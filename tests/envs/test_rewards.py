@@ -41,7 +41,7 @@ def test_guidance_before_the_move_rewards_driving():
     check(Guidance(0.2, 0.6, "before_move"), [-0.2 * 0.4, to_goal])
 
 
-def test_guidance_after_the_move_costs_the_same_wherever_one_stands():
+def test_guidance_after_the_move_is_independent_of_position():
     check(Guidance(0.2, 0.6, "after_move"), [-0.2 * 0.6, -0.2 * (0.1**2 + 0.3**2) ** 0.5])
 
 
@@ -54,7 +54,7 @@ def test_goal_pays_once():
     check(Goal(10.0), [10.0, 0.0], transition(reached=torch.tensor([True, False])))
 
 
-def test_progress_pays_metres():
+def test_progress_rewards_meters():
     check(Progress(2.0), [0.4, 0.2])
 
 
@@ -101,18 +101,18 @@ def test_outcome_codes_are_those_in_files():
         (Contact.NONE, 0.21, True, Outcome.TIMEOUT),
         (Contact.NONE, 0.1, True, Outcome.SUCCESS),
         (Contact.PEDESTRIAN, 0.1, True, Outcome.COLLISION_PEDESTRIAN),
-        (Contact.RUN_INTO, 1.0, False, Outcome.COLLISION_PEDESTRIAN),
+        (Contact.HIT_BY_PEDESTRIAN, 1.0, False, Outcome.COLLISION_PEDESTRIAN),
         (Contact.STATIC, 0.1, False, Outcome.COLLISION_STATIC),
     ],
 )
-def test_one_definition_of_how_an_episode_ends(contact, distance, late, expected):
+def test_outcome_has_one_definition(contact, distance, late, expected):
     outcome = classify(
         torch.tensor([int(contact)]), torch.tensor([distance]), 0.2, torch.tensor([late])
     )
     assert outcome.tolist() == [expected]
 
 
-def test_default_weights_are_the_papers():
+def test_default_weights_equal_the_papers():
     """Sec. IV-D: 10, 0.2 at 0.6 m, 3 below 0.5 m; goal and progress are navrl's own."""
     assert (Collision().weight, Guidance().weight, Guidance().lookahead) == (10.0, 0.2, 0.6)
     assert (Proximity().weight, Proximity().distance) == (3.0, 0.5)

@@ -40,7 +40,7 @@ def test_differences_are_paired_over_the_same_episodes(tmp_path):
     assert [r.policy for r in table.rows] == ["paper", "dwa"]  # the best first
 
 
-def test_only_the_same_episodes_in_the_same_simulator_share_a_table(tmp_path):
+def test_tables_are_separate_for_each_suite_and_simulator(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 4)
     write_evaluation(tmp_path / "b", "paper", [WON] * 4, simulator="BulletSimulator")
     write_evaluation(tmp_path / "c", "paper", [WON] * 4, suite_hash="other")
@@ -52,7 +52,7 @@ def test_only_the_same_episodes_in_the_same_simulator_share_a_table(tmp_path):
     ]
 
 
-def test_runs_of_a_seed_are_compared_with_the_reference_of_that_seed(tmp_path):
+def test_runs_are_compared_with_the_reference_of_their_seed(tmp_path):
     write_evaluation(tmp_path / "a", "paper_seed_0", [WON] * 4)
     write_evaluation(tmp_path / "b", "paper_seed_1", [HIT] * 4)
     write_evaluation(tmp_path / "c", "no_tagd_seed_1", [WON, WON, WON, HIT])
@@ -62,7 +62,7 @@ def test_runs_of_a_seed_are_compared_with_the_reference_of_that_seed(tmp_path):
     assert row.published["success"] == 0.85  # the paper's NO-TAGD
 
 
-def test_published_figures_stand_beside_ours(tmp_path):
+def test_published_figures_are_listed_beside_results(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON, HIT])
     change = {"change": {"transforms.icp_align.method": "none"}}
     write_evaluation(tmp_path / "b", "paper", [WON, HIT], **change)
@@ -83,7 +83,7 @@ def test_published_figures_stand_beside_ours(tmp_path):
     assert "`abc`" in text
 
 
-def test_the_three_files_say_the_same(tmp_path):
+def test_three_comparison_files_agree(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 3)
     write_evaluation(tmp_path / "b", "oracle", [WON, WON, "error"])
     tables = compare(find_evaluations([tmp_path]))
@@ -98,25 +98,25 @@ def test_the_three_files_say_the_same(tmp_path):
     assert "3 (1 errors)" in files[0].read_text()
     rows = list(csv.DictReader(io.StringIO(files[1].read_text())))
     assert [row["policy"] for row in rows] == ["paper", "oracle"]
-    assert rows[1]["cheats"] == "1" and rows[0]["success_difference"] == ""
+    assert rows[1]["privileged"] == "1" and rows[0]["success_difference"] == ""
     (stored,) = json.loads(files[2].read_text())
     assert [row["rates"]["success"] for row in stored["rows"]] == [1.0, pytest.approx(2 / 3)]
     assert comma_separated(tables) == files[1].read_text()
 
 
-def test_alone_nothing_is_compared(tmp_path):
+def test_single_policy_is_not_compared(tmp_path):
     write_evaluation(tmp_path / "a", "dwa", [WON])
     (table,) = compare(find_evaluations([tmp_path]))
     assert table.reference is None and table.lead is None
     assert "McNemar" not in markdown(table)
 
 
-def test_a_folder_without_evaluations_is_named(tmp_path):
+def test_folder_without_evaluations_is_named(tmp_path):
     with pytest.raises(ValueError, match="no evaluation there"):
         find_evaluations([tmp_path / "nowhere"])
 
 
-def test_runs_of_different_episodes_are_refused(tmp_path):
+def test_runs_of_different_episodes_are_rejected(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 4)
     write_evaluation(tmp_path / "b", "dwa", [WON] * 4, suite_hash="other", suite="mine")
     with pytest.raises(ValueError, match=r"not the same episodes.*table1 \(hash abc\).*of mine"):
@@ -129,7 +129,7 @@ def test_runs_of_different_episodes_are_refused(tmp_path):
         finished_by_all(runs)
 
 
-def test_folders_are_compared_with_the_first_or_with_a_named_one(tmp_path):
+def test_reference_is_the_first_or_a_named_folder(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 4)
     write_evaluation(tmp_path / "b", "paper", [WON] * 3 + [HIT], simulator="BulletSimulator")
     table = compare_folders([tmp_path / "b", tmp_path / "a"])
@@ -171,7 +171,7 @@ def test_times_are_compared_where_all_succeed(tmp_path):
     assert (row["mean_n"], row["common_n"], row["common"]) == ("4", "2", "13.5")
 
 
-def test_training_seeds_are_summarised(tmp_path):
+def test_training_seeds_are_summarized(tmp_path):
     outcomes = ([WON] * 4, [WON, WON, HIT, HIT], [WON, WON, WON, HIT])
     for seed, played in enumerate(outcomes):
         write_evaluation(tmp_path / str(seed), f"paper_seed_{seed}", played)

@@ -42,7 +42,7 @@ def read_all(folder):
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
 @pytest.mark.parametrize("name", ["summary.json", "episodes.csv", "latency.json"])
-def test_a_cut_file_of_an_evaluation_is_named(folder, name, share):
+def test_truncated_evaluation_file_is_named(folder, name, share):
     latency = {"calls": 40, "mean_ms": 1.5, "median_ms": 1.4, "p95_ms": 2.2, "max_ms": 3.0}
     (folder / "latency.json").write_text(json.dumps(latency))
     read_all(folder)
@@ -52,7 +52,7 @@ def test_a_cut_file_of_an_evaluation_is_named(folder, name, share):
     assert "again" in str(error.value) and "\n" not in str(error.value)
 
 
-def test_a_csv_that_lost_whole_rows_is_named(folder):
+def test_csv_with_missing_rows_is_named(folder):
     lines = (folder / "episodes.csv").read_text().splitlines(keepends=True)
     (folder / "episodes.csv").write_text("".join(lines[:-2]))
     with pytest.raises(DamagedFileError, match=r"episodes\.csv: has 4 episodes.*has 6"):
@@ -76,14 +76,14 @@ def test_a_csv_that_lost_whole_rows_is_named(folder):
         ("by_scenario", [1]),
     ],
 )
-def test_a_summary_with_values_of_another_kind_is_named(folder, key, value):
+def test_summary_with_values_of_a_wrong_type_is_named(folder, key, value):
     summary = json.loads((folder / "summary.json").read_text())
     (folder / "summary.json").write_text(json.dumps({**summary, key: value}))
     with pytest.raises(DamagedFileError, match=rf"summary\.json: {key}"):
         Evaluation.load(folder)
 
 
-def test_a_cell_that_is_no_number_is_named(folder):
+def test_cell_without_a_number_is_named(folder):
     with (folder / "episodes.csv").open() as file:
         rows = list(csv.DictReader(file))
     rows[2]["time_s"] = "<b>12</b>"
@@ -96,7 +96,7 @@ def test_a_cell_that_is_no_number_is_named(folder):
 
 
 @pytest.mark.parametrize("name", ["summary.json", "episodes.csv"])
-def test_an_evaluation_with_a_damaged_file_is_played_again(folder, name, caplog):
+def test_evaluation_with_a_damaged_file_is_repeated(folder, name, caplog):
     summary = json.loads((folder / "summary.json").read_text())
     played = hashlib.sha256((folder / "episodes.csv").read_bytes()).hexdigest()
     (folder / "summary.json").write_text(json.dumps({**summary, "episodes_hash": played}))
@@ -109,7 +109,7 @@ def test_an_evaluation_with_a_damaged_file_is_played_again(folder, name, caplog)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_a_cut_chunk_is_played_again(tmp_path, caplog, share):
+def test_truncated_chunk_is_repeated(tmp_path, caplog, share):
     record = EpisodeRecord(0, "corridor", "success", 3, 0.6, 0.5, 1.0, False)
     FinishedChunks(tmp_path / "chunks", "key").save(range(0, 1), [record])
     (file,) = (tmp_path / "chunks").glob("*.json")
@@ -122,7 +122,7 @@ def test_a_cut_chunk_is_played_again(tmp_path, caplog, share):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
-def test_a_cut_cache_of_worlds_heals(tmp_path, caplog, share):
+def test_truncated_world_cache_is_rebuilt(tmp_path, caplog, share):
     suite = Suite("heals", 0, 4, instantiate(compose("train", ["scenario=corridor"]).scenario))
     cache = tmp_path / "pool.npz"
     whole, content = ScenarioPool(suite, cache=cache), cache.read_bytes()
@@ -133,7 +133,7 @@ def test_a_cut_cache_of_worlds_heals(tmp_path, caplog, share):
     assert cache.read_bytes() == content
 
 
-def test_a_cache_of_worlds_that_cannot_be_written_is_left_out(tmp_path, caplog):
+def test_unwritable_world_cache_is_skipped(tmp_path, caplog):
     suite = Suite("heals", 0, 2, instantiate(compose("train", ["scenario=corridor"]).scenario))
     (tmp_path / "file").write_text("no folder")
     assert len(ScenarioPool(suite, cache=tmp_path / "file" / "pool.npz")) == 2
@@ -141,7 +141,7 @@ def test_a_cache_of_worlds_that_cannot_be_written_is_left_out(tmp_path, caplog):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_a_cut_frozen_suite_is_named(tmp_path, share):
+def test_truncated_frozen_suite_is_named(tmp_path, share):
     file = tmp_path / "smoke.json"
     shutil.copy(sorted(FROZEN.glob("*.json"))[0], file)
     cut(file, share)
@@ -162,7 +162,7 @@ def recording():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
-def test_a_cut_recording_is_named(tmp_path, recording, share):
+def test_truncated_recording_is_named(tmp_path, recording, share):
     file = tmp_path / "episode.npz"
     recording.save(file)
     cut(file, share)
@@ -188,7 +188,7 @@ def test_a_cut_recording_is_named(tmp_path, recording, share):
         ("unknown", np.zeros(3)),
     ],
 )
-def test_a_recording_with_values_of_another_kind_is_named(tmp_path, recording, name, value):
+def test_recording_with_values_of_a_wrong_type_is_named(tmp_path, recording, name, value):
     file = tmp_path / "episode.npz"
     recording.save(file)
     with np.load(file) as archive:
@@ -198,7 +198,7 @@ def test_a_recording_with_values_of_another_kind_is_named(tmp_path, recording, n
         Recording.load(file)
 
 
-def test_a_recording_holds_a_scenario_with_its_own_kinds(tmp_path, recording):
+def test_recording_with_an_invalid_scenario_is_named(tmp_path, recording):
     plain = json.loads(recording.scenario)
     for name, value in (("suite", 5), ("kind", "x" * 1000), ("index", "<b>"), ("pedestrians", 1)):
         changed = dataclasses.replace(recording, scenario=json.dumps({**plain, name: value}))

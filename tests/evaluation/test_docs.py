@@ -13,7 +13,7 @@ from navrl.worlds import frozen_episodes
 PAGE = (Path(__file__).parents[2] / "docs" / "evaluation.md").read_text()
 
 
-def test_every_metric_is_defined_with_its_unit():
+def test_every_metric_has_a_definition_and_unit():
     assert PAGE.count("<!-- metrics -->") == 1  # where the site puts the table
     table = markdown_table()
     rows = re.findall(r"^\| `([\w.]+)` \| (\S+) \| \S.* \| \S.* \|$", table, re.M)
@@ -21,7 +21,7 @@ def test_every_metric_is_defined_with_its_unit():
     assert rows == units
 
 
-def test_every_column_is_named():
+def test_every_column_is_documented():
     metrics = {metric.name for metric in METRICS}
     assert all(f"`{column}`" in PAGE for column in set(COLUMNS) - metrics)
 
@@ -36,6 +36,6 @@ def test_every_column_is_named():
         ("social", "social", 400),
     ],
 )
-def test_hashes_are_those_of_the_frozen_episodes(name, suite, count):
+def test_documented_hashes_equal_the_frozen_episodes(name, suite, count):
     (printed,) = re.findall(rf"^{name} +([0-9a-f]{{64}})$", PAGE, re.M)
     assert printed == frozen_episodes(suite, 1).sha256[count]

@@ -44,7 +44,7 @@ def test_an_unchanged_evaluation_is_returned(tmp_path, bundle):
     assert {"policy_hash", "config_hash", "code_hash", "episodes_hash"} <= summary.keys()
 
 
-def test_older_weights_of_another_policy_are_played(tmp_path, bundle):
+def test_older_weights_of_another_policy_are_evaluated(tmp_path, bundle):
     cfg, _ = played(tmp_path / "run", policy=str(bundle))
     file = bundle / "weights.safetensors"
     save_file({name: value * 0 for name, value in load_file(file).items()}, file)
@@ -52,7 +52,7 @@ def test_older_weights_of_another_policy_are_played(tmp_path, bundle):
     assert finished_evaluation(cfg, tmp_path / "run") is None
 
 
-def test_another_config_of_the_bundle_is_played(tmp_path, bundle):
+def test_changed_bundle_config_is_evaluated(tmp_path, bundle):
     cfg, _ = played(tmp_path / "run", policy=str(bundle))
     text = (bundle / "config.yaml").read_text()
     assert "max_speed: 1.0" in text
@@ -61,13 +61,13 @@ def test_another_config_of_the_bundle_is_played(tmp_path, bundle):
     assert finished_evaluation(cfg, tmp_path / "run") is None
 
 
-def test_a_touched_file_is_not_played_again(tmp_path, bundle):
+def test_file_time_does_not_cause_a_repetition(tmp_path, bundle):
     cfg, summary = played(tmp_path / "run", policy=str(bundle))
     os.utime(bundle / "weights.safetensors")  # newer, the same bytes
     assert finished_evaluation(cfg, tmp_path / "run") == summary
 
 
-def test_changed_parameters_of_a_controller_are_played(tmp_path, monkeypatch):
+def test_changed_controller_parameters_are_evaluated(tmp_path, monkeypatch):
     controllers = tmp_path / "conf" / "controller"
     shutil.copytree(CONF_DIR, tmp_path / "conf")
     monkeypatch.setattr("navrl.config.CONF_DIR", tmp_path / "conf")
@@ -77,7 +77,7 @@ def test_changed_parameters_of_a_controller_are_played(tmp_path, monkeypatch):
     assert finished_evaluation(cfg, tmp_path / "run") is None
 
 
-def test_changed_code_is_played(tmp_path, monkeypatch):
+def test_changed_code_is_evaluated(tmp_path, monkeypatch):
     cfg, _ = played(tmp_path / "run")
     monkeypatch.setattr(inputs, "code_hash", lambda: "other")
     assert finished_evaluation(cfg, tmp_path / "run") is None
@@ -98,7 +98,7 @@ def test_code_hash_covers_controllers_and_not_pictures(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["episodes.csv", "summary.json"])
 @pytest.mark.parametrize("damage", ["missing", "torn", "empty", "altered"])
-def test_damaged_results_are_played_again(tmp_path, name, damage):
+def test_damaged_results_are_evaluated_again(tmp_path, name, damage):
     folder = tmp_path / "run"
     cfg, summary = played(folder)
     file = folder / name
@@ -118,7 +118,7 @@ def test_damaged_results_are_played_again(tmp_path, name, damage):
     assert finished_evaluation(cfg, folder) == summary
 
 
-def test_results_without_hashes_are_played_again(tmp_path):
+def test_results_without_hashes_are_evaluated_again(tmp_path):
     cfg, summary = played(tmp_path)
     older = {name: value for name, value in summary.items() if not name.endswith("_hash")}
     older["suite_hash"] = summary["suite_hash"]
@@ -126,7 +126,7 @@ def test_results_without_hashes_are_played_again(tmp_path):
     assert finished_evaluation(cfg, tmp_path) is None
 
 
-def test_unfinished_episodes_of_other_parameters_are_played_again(tmp_path, monkeypatch):
+def test_unfinished_episodes_of_other_parameters_are_repeated(tmp_path, monkeypatch):
     """What was cut off before a controller's file changed is no part of the result."""
     controllers = tmp_path / "conf" / "controller"
     shutil.copytree(CONF_DIR, tmp_path / "conf")
@@ -141,7 +141,7 @@ def test_unfinished_episodes_of_other_parameters_are_played_again(tmp_path, monk
     assert run_evaluation(cfg, tmp_path / "run") == run_evaluation(cfg, tmp_path / "fresh")
 
 
-def test_what_belonged_to_other_results_is_removed(tmp_path, bundle):
+def test_files_of_other_results_are_removed(tmp_path, bundle):
     folder = tmp_path / "run"
     cfg, _ = played(folder, "recordings=all", "latency=1", policy=str(bundle))
     measure_latency(cfg, folder)
@@ -156,7 +156,7 @@ def test_what_belonged_to_other_results_is_removed(tmp_path, bundle):
     assert len(list((folder / "recordings").iterdir())) == 3
 
 
-def test_recordings_that_are_missing_are_made(tmp_path):
+def test_missing_recordings_are_created(tmp_path):
     cfg, _ = played(tmp_path, "recordings=all")
     (tmp_path / "recordings" / "000001.npz").unlink()
     assert finished_evaluation(cfg, tmp_path) is None
@@ -166,13 +166,13 @@ def test_recordings_that_are_missing_are_made(tmp_path):
     assert finished_evaluation(config("random"), tmp_path) is not None
 
 
-def test_no_failure_leaves_no_recordings_to_miss(tmp_path, monkeypatch):
+def test_no_recordings_are_missing_without_failures(tmp_path, monkeypatch):
     cfg, summary = played(tmp_path, "recordings=failures", policy="stand_still")
     assert summary["successes"] == 0
     assert finished_evaluation(cfg, tmp_path) == summary
 
 
-def test_other_numbers_of_timed_episodes_are_timed(tmp_path):
+def test_changed_number_of_timed_episodes_is_timed(tmp_path):
     cfg, _ = played(tmp_path, "latency=1", policy="stand_still")
     first = measure_latency(cfg, tmp_path)
     assert first["calls"] == 5 and measure_latency(cfg, tmp_path) == first
@@ -181,7 +181,7 @@ def test_other_numbers_of_timed_episodes_are_timed(tmp_path):
     assert measure_latency(config("stand_still", "latency=2"), tmp_path)["calls"] == 10
 
 
-def test_episodes_of_another_summary_are_not_compared(tmp_path):
+def test_episodes_of_another_summary_are_rejected(tmp_path):
     played(tmp_path / "run")
     file = tmp_path / "run" / "episodes.csv"
     lines = file.read_text().splitlines(keepends=True)
@@ -190,7 +190,7 @@ def test_episodes_of_another_summary_are_not_compared(tmp_path):
         find_evaluations([tmp_path])
 
 
-def test_a_policy_of_the_same_weights_has_the_same_hash(tmp_path, bundle):
+def test_equal_weights_have_an_equal_policy_hash(tmp_path, bundle):
     torch.manual_seed(0)
     copy = tmp_path / "copy"
     shutil.copytree(bundle, copy)

@@ -10,7 +10,7 @@ from navrl.evaluation.metrics import METRICS, measure
 from navrl.sim import Contact
 
 HIT = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.PEDESTRIAN}
-RUN_INTO = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.RUN_INTO}
+HIT_BY_PEDESTRIAN = {"outcome": Outcome.COLLISION_PEDESTRIAN, "contact": Contact.HIT_BY_PEDESTRIAN}
 STATIC = {"outcome": Outcome.COLLISION_STATIC, "contact": Contact.STATIC}
 LATE = {"outcome": Outcome.TIMEOUT}
 WALL, SHELF = (2.0, 0.0, 0.1, 1.0, 0.0), (1.0, 0.5, 0.1, 0.1, 0.0)
@@ -21,7 +21,7 @@ def value(metric, *positions, **options):
     return found
 
 
-ENDINGS = ("success", "timeout", "collision", "moved_into_pedestrian", "run_into")
+ENDINGS = ("success", "timeout", "collision", "moved_into_pedestrian", "hit_by_pedestrian")
 ENDINGS = (*ENDINGS, "collision_wall", "collision_furniture")
 
 
@@ -31,33 +31,33 @@ ENDINGS = (*ENDINGS, "collision_wall", "collision_furniture")
         ({}, {"success"}),
         (LATE, {"timeout"}),
         (HIT, {"collision", "moved_into_pedestrian"}),
-        (RUN_INTO, {"collision", "run_into"}),
+        (HIT_BY_PEDESTRIAN, {"collision", "hit_by_pedestrian"}),
         (STATIC, {"collision", "collision_wall"}),  # the shelf is farther
         ({**STATIC, "boxes": [SHELF, WALL], "furniture": 1}, {"collision", "collision_furniture"}),
         ({**STATIC, "boxes": []}, {"collision", "collision_wall"}),
     ],
 )
-def test_how_it_ended_and_who_is_to_blame(options, holds):
+def test_outcome_and_at_fault_party(options, holds):
     options = {"boxes": [WALL, SHELF], "furniture": 1, **options}
     # stops 0.1 m before the wall, or where the last box of the list stands
     found = measure(trajectory(*along(0.0, 0.9, 1.7), **options))
     assert {name for name in ENDINGS if found[name][0]} == holds
 
 
-def test_times_to_the_goal_are_those_of_successes():
+def test_time_to_goal_is_of_successes_only():
     assert value(metrics.time_to_goal, *along(0, 0.1, 0.2)) == pytest.approx(0.4)
     assert np.isnan(value(metrics.time_to_goal, *along(0, 0.1, 0.2), **LATE))
     assert value(metrics.duration, *along(0, 0.1, 0.2), **LATE) == pytest.approx(0.4)
 
 
-def test_path_length_is_the_way_driven():
+def test_path_length_is_the_driven_distance():
     corner = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.4), (0.3, 0.4)]
     assert value(metrics.path_length, *corner) == pytest.approx(0.7)
     back = along(0.0, 0.2, 0.0)
     assert value(metrics.path_length, *back) == pytest.approx(0.4)
 
 
-def test_detours_and_failures_cost_spl():
+def test_detours_and_failures_reduce_spl():
     detour = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.4)]  # 0.7 m instead of 0.5 m
     straight = [(0.0, 0.0), (0.3, 0.4)]
     assert value(metrics.spl, *detour, path=straight) == pytest.approx(0.5 / 0.7)
@@ -66,7 +66,7 @@ def test_detours_and_failures_cost_spl():
     assert value(metrics.spl, *along(0.0, 0.4), path=along(0.0, 0.5)) == 1.0
 
 
-def test_waiting_costs_stl():
+def test_waiting_reduces_stl():
     slow = along(0.0, 0.1, 0.1, 0.2)  # 0.6 s for what takes 0.2 s at 1 m/s
     assert value(metrics.stl, *slow) == pytest.approx(1 / 3)
     assert value(metrics.stl, *slow, **LATE) == 0.0
@@ -78,7 +78,7 @@ def test_stalled_time_counts_slow_steps():
     assert value(metrics.stalled_time, *along(0, 0.1, 0.105, 0.105, 0.135)) == pytest.approx(0.4)
 
 
-def test_time_without_progress_counts_going_back_and_round_in_place():
+def test_time_without_progress_counts_reversing_and_turning():
     # forward, back, forward over the same stretch, forward, aside
     drive = [(0.0, 0.0), (0.2, 0.0), (0.1, 0.0), (0.2, 0.0), (0.4, 0.0), (0.4, 0.2)]
     found = value(metrics.time_without_progress, *drive, path=along(0.0, 2.0), **LATE)
@@ -88,7 +88,7 @@ def test_time_without_progress_counts_going_back_and_round_in_place():
     assert value(metrics.time_without_progress, *corner, path=path, **LATE) == 0.0
 
 
-def test_a_millimeter_a_step_is_the_least_progress():
+def test_one_millimeter_per_step_is_the_minimum_progress():
     drive = along(0.0, 0.2, 0.2008, 0.2016, 0.2028, 0.204)  # twice 0.8 mm, twice 1.2 mm
     found = value(metrics.time_without_progress, *drive, path=along(0.0, 2.0), **LATE)
     assert found == pytest.approx(2 * 0.2)
@@ -97,7 +97,7 @@ def test_a_millimeter_a_step_is_the_least_progress():
 SPEEDS = along(0.0, 0.1, 0.3, 0.4, 0.4)  # 0.5, 1.0, 0.5, 0 m/s
 
 
-def test_speeds_and_their_differences():
+def test_speeds_accelerations_and_jerks_are_exact():
     found = {m.name: float(m.function(trajectory(*SPEEDS))[0]) for m in METRICS}
     assert found["mean_speed_mps"] == pytest.approx(0.5)
     assert found["max_speed_mps"] == pytest.approx(1.0)
@@ -108,7 +108,7 @@ def test_speeds_and_their_differences():
     assert found["max_jerk_mps3"] == pytest.approx(25.0)
 
 
-def test_a_step_cut_short_by_a_contact_is_no_braking():
+def test_contact_within_a_step_is_no_deceleration():
     found = measure(trajectory(*along(0.0, 0.2, 0.4, 0.45), **STATIC))
     assert found["mean_speed_mps"] == pytest.approx(1.0)
     assert found["max_acceleration_mps2"] == pytest.approx(0.0, abs=1e-9)
@@ -116,13 +116,13 @@ def test_a_step_cut_short_by_a_contact_is_no_braking():
     assert found["path_length_m"] == pytest.approx(0.45)
 
 
-def test_what_an_episode_is_too_short_for_is_not_defined():
+def test_short_episodes_have_undefined_metrics():
     found = measure(trajectory(*along(0.0, 0.1), **STATIC))
     for name in ("mean_speed_mps", "max_acceleration_mps2", "mean_jerk_mps3"):
         assert np.isnan(found[name]), name
 
 
-def test_heading_changes_add_up_across_the_cut_at_pi():
+def test_heading_changes_accumulate_across_pi():
     yaw = [3.0, -3.0, -2.5, -3.0]
     expected = (2 * np.pi - 6.0) + 0.5 + 0.5
     assert value(metrics.cumulative_heading_change, *along(0, 0, 0, 0), yaw=yaw) == (
@@ -141,20 +141,20 @@ def test_distances_to_people_are_between_surfaces():
     assert value(metrics.beyond_personal, *xs, **drive) == 0.0
     far = {"people": [[standing(3.0, 0.0)] * 3]}
     assert value(metrics.beyond_personal, *xs, **far) == 1.0
-    assert value(metrics.min_pedestrian_distance, *xs, **{**far, **RUN_INTO}) == 0.0
+    assert value(metrics.min_pedestrian_distance, *xs, **{**far, **HIT_BY_PEDESTRIAN}) == 0.0
 
 
 @pytest.mark.parametrize(
     ("function", "limit"), [(metrics.beyond_intimate, 0.45), (metrics.beyond_personal, 1.2)]
 )
-def test_personal_space_ends_where_hall_says(function, limit):
-    # one person, the surfaces a millimetre within and beyond the limit: radius 0.2, half side 0.1
+def test_personal_space_has_halls_distances(function, limit):
+    # one person, the surfaces a millimeter within and beyond the limit: radius 0.2, half side 0.1
     for gap, expected in ((limit - 1e-3, 0.0), (limit + 1e-3, 1.0)):
         people = [[standing(0.3 + gap, 0.0)] * 2]
         assert value(function, *along(0.0, 0.0), people=people) == expected
 
 
-def test_nobody_is_infinitely_far():
+def test_distance_without_pedestrians_is_infinite():
     alone = measure(trajectory(*along(0.0, 0.1)))
     assert alone["min_pedestrian_distance_m"] == np.inf
     assert alone["mean_pedestrian_distance_m"] == np.inf
@@ -169,7 +169,7 @@ def test_time_to_collision_on_a_collision_course():
     assert found == pytest.approx((3.0 - 0.3) / 1.5)
 
 
-def test_passing_or_parting_is_no_collision_course():
+def test_passing_pedestrians_are_not_on_a_collision_course():
     aside = [standing(3.1, 0.4), standing(3.0, 0.4)]  # passes at 0.4 m, bodies reach 0.3 m
     parting = [standing(3.0, 0.0), standing(3.3, 0.0)]
     grazing = [standing(3.1, 0.2), standing(3.0, 0.2)]  # 3.0 - sqrt(0.3^2 - 0.2^2) m to go
@@ -183,7 +183,7 @@ def test_passing_or_parting_is_no_collision_course():
 
 
 @pytest.mark.parametrize("before", [0.15, 0.2, 0.3])
-def test_overlapping_discs_have_collided(before):
+def test_overlapping_discs_have_zero_time_to_collision(before):
     """A cuboid's disc may overlap the hull without a contact, even while the two part."""
     walker = [standing(before, 0.0), standing(0.29, 0.0)]  # bodies reach 0.3 m
     assert value(metrics.min_time_to_collision, *along(0.0, 0.0), people=[walker], **LATE) == 0.0
@@ -197,7 +197,7 @@ def test_a_contact_ends_the_time_to_collision():
     assert value(metrics.min_time_to_collision, *along(0.5, 0.7), people=people, **HIT) == 0.0
 
 
-def test_padding_changes_no_bit():
+def test_padding_does_not_change_metrics():
     rng = np.random.default_rng(0)
     drive = rng.uniform(0, 0.2, (14, 2)).cumsum(axis=0)
     walker = np.column_stack([rng.uniform(0, 3, (14, 2)), np.full((14, 3), 0.1)])
@@ -206,7 +206,7 @@ def test_padding_changes_no_bit():
         assert np.array_equal(found, measure(padded)[name], equal_nan=True), name
 
 
-def test_every_metric_says_what_it_is():
+def test_every_metric_has_a_docstring():
     for metric in METRICS:
         text = metric.function.__doc__
         assert "Reference:" in text and text.startswith("Return ``[E]``"), metric.name
@@ -214,7 +214,7 @@ def test_every_metric_says_what_it_is():
             assert f" {metric.unit}" in text, metric.name
 
 
-def test_latency_by_hand():
+def test_latency_matches_a_manual_calculation():
     found = metrics.controller_latency([0.001, 0.002, 0.003, 0.010])
     assert found["mean_ms"] == pytest.approx(4.0)
     assert found["median_ms"] == pytest.approx(2.5)

@@ -99,7 +99,7 @@ def test_facts_from_a_foreign_summary_are_checked(tmp_path, key, value, message)
     assert message in str(error.value)
 
 
-def test_config_adds_metrics_and_refuses_others():
+def test_config_adds_metrics_and_rejects_other_objects():
     def node(target, **options):
         return OmegaConf.create({"metrics": {"mine": {"_target_": target, **options}}})
 
@@ -113,7 +113,7 @@ def test_config_adds_metrics_and_refuses_others():
         make_metrics(node("builtins.dict"))
 
 
-def test_metric_of_a_wrong_shape_is_refused():
+def test_metric_of_a_wrong_shape_is_rejected():
     class Two:
         def __len__(self):
             return 2
@@ -122,7 +122,7 @@ def test_metric_of_a_wrong_shape_is_refused():
         Metric("mine", "1", lambda t: np.float64(1.0)).values(Two())
 
 
-def test_a_metric_is_a_function_and_a_row():
+def test_metric_needs_a_function_and_a_row():
     """Columns, comparisons, collisions, endings and the docs table have no list of their own."""
     from navrl.evaluation import pairing, results
     from navrl.viz.report.endings import ENDINGS

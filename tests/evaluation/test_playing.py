@@ -39,7 +39,7 @@ def alone(request, tmp_path_factory):
     return request.param, play(folder, simulator=request.param)
 
 
-def test_any_number_of_processes_gives_the_same_bytes(alone, tmp_path):
+def test_results_do_not_depend_on_the_number_of_processes(alone, tmp_path):
     simulator, expected = alone
     found = play(tmp_path, "num_processes=2", simulator=simulator)
     assert found == expected
@@ -47,7 +47,7 @@ def test_any_number_of_processes_gives_the_same_bytes(alone, tmp_path):
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_a_killed_evaluation_goes_on_where_it_was(alone, tmp_path, processes):
+def test_killed_evaluation_resumes(alone, tmp_path, processes):
     """SIGKILL as soon as a chunk is finished; then the same command."""
     simulator, expected = alone
     words = ["policy=random", f"simulator={simulator}", *SHORT, f"num_processes={processes}"]
@@ -84,7 +84,7 @@ def test_a_killed_evaluation_goes_on_where_it_was(alone, tmp_path, processes):
     assert others == [x for k, x in enumerate(expected[0].splitlines()) if k != marked + 1]
 
 
-def test_what_was_finished_of_another_evaluation_is_not_believed(tmp_path):
+def test_finished_chunks_of_another_evaluation_are_ignored(tmp_path):
     folder, record = (
         tmp_path / "unfinished",
         EpisodeRecord(0, "office", "success", 1, 0.2, 1.0, 2.0),
@@ -97,7 +97,7 @@ def test_what_was_finished_of_another_evaluation_is_not_believed(tmp_path):
     assert FinishedChunks(folder, "a").load(range(0, 1)) is None
 
 
-def test_a_random_episode_is_the_same_beside_any_others(alone, tmp_path):
+def test_random_episode_does_not_depend_on_the_batch(alone, tmp_path):
     simulator, expected = alone
     assert play(tmp_path, "num_worlds=3", simulator=simulator)[0] == expected[0]
 
@@ -117,7 +117,7 @@ class Refusing:
         return self._policy(tensordict)
 
 
-def test_an_episode_that_raises_is_kept_with_all_it_takes_to_raise_it_again(tmp_path, monkeypatch):
+def test_failed_episode_is_stored_with_its_reproduction(tmp_path, monkeypatch):
     cfg = compose("evaluate", ["policy=random", *SHORT, "recordings=all"])
     bad = building.instantiate(cfg.suite).scenarios([3])[0]
     make = building.make_evaluated_policy
@@ -139,7 +139,7 @@ def test_an_episode_that_raises_is_kept_with_all_it_takes_to_raise_it_again(tmp_
     assert told["traceback"][-1] == "ZeroDivisionError: not this one"
     assert Scenario.from_dict(told["scenario"]).to_json() == bad.to_json()
     kept = {int(path.stem) for path in (tmp_path / "recordings").glob("*.npz")}
-    assert kept == {0, 1, 2, 4, 5}  # its neighbour, played once more, too
+    assert kept == {0, 1, 2, 4, 5}  # its neighbor, played once more, too
 
 
 @pytest.mark.parametrize("policy", ["random", "paper"])
@@ -167,9 +167,10 @@ def test_recording_changes_no_result(tmp_path, policy, simulator):
 
 @pytest.mark.parametrize("simulator", ["batched", "bullet"])
 @pytest.mark.parametrize(
-    "policy, contact", [("stand_still", "run_into"), ("pure_pursuit", "moved_into_pedestrian")]
+    "policy, contact",
+    [("stand_still", "hit_by_pedestrian"), ("pure_pursuit", "moved_into_pedestrian")],
 )
-def test_recordings_measure_what_the_evaluation_did(tmp_path, policy, contact, simulator):
+def test_metrics_of_recordings_equal_the_evaluations(tmp_path, policy, contact, simulator):
     """Every metric of every episode, whoever moved into whom, in whichever row it was played."""
     words = ["recordings=all", "environment.time_limit_steps=150", "num_worlds=6"]
     play(tmp_path, *words, policy=policy, simulator=simulator)
@@ -183,7 +184,7 @@ def test_recordings_measure_what_the_evaluation_did(tmp_path, policy, contact, s
     assert "1" in {row[contact] for row in rows}
 
 
-def test_the_summary_says_which_frozen_episodes_were_played(tmp_path):
+def test_summary_names_the_frozen_episodes(tmp_path):
     """And that it was none of them, of a suite that only has the name of one."""
     changed = ["suite.version=null", "suite.distribution.speed=[1,1]"]
     for name, words, version in (("frozen", [], 1), ("changed", changed, None)):
@@ -192,7 +193,7 @@ def test_the_summary_says_which_frozen_episodes_were_played(tmp_path):
         assert (summary["suite"], summary["suite_version"]) == ("table1", version)
 
 
-def test_failures_alone_are_kept(tmp_path):
+def test_failures_only_recordings_exclude_successes(tmp_path):
     play(tmp_path, "recordings=failures", "environment.time_limit_steps=150", policy="paper")
     rows = csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines())
     lost = {int(row["index"]) for row in rows if row["outcome"] != "success"}
@@ -201,7 +202,7 @@ def test_failures_alone_are_kept(tmp_path):
     assert len(lost) < 6
 
 
-def test_a_compact_recording_is_the_whole_one_rounded(tmp_path):
+def test_compact_recording_equals_the_rounded_full_one(tmp_path):
     from navrl.jobs import record
 
     whole = record(compose("play", ["policy=paper", "suite=smoke", "num_threads=1"]))
@@ -220,7 +221,7 @@ def test_a_compact_recording_is_the_whole_one_rounded(tmp_path):
     assert size[0] < 0.6 * size[1]
 
 
-def test_what_does_not_fit_is_not_rounded():
+def test_values_out_of_range_are_not_rounded():
     far = np.array([7.0, 0.0], dtype=np.float32)
     unknown = np.array([np.nan], dtype=np.float32)
     kept = rounded({"points": far, "tagd": unknown, "ranges": far / 2})
@@ -228,7 +229,7 @@ def test_what_does_not_fit_is_not_rounded():
     assert restored(kept)["ranges"].tolist() == [3.5, 0.0]
 
 
-def test_a_recording_is_drawn_without_simulator_or_policy(tmp_path):
+def test_drawing_a_recording_needs_no_simulator(tmp_path):
     play(tmp_path / "run", "recordings=all", "suite.num_episodes=1")
     code = (
         "import sys, navrl.jobs as b\n"
@@ -251,7 +252,7 @@ def test_wrong_options_are_named(tmp_path, word):
         play(tmp_path, word)
 
 
-def test_the_simulator_is_drawn_from_no_shared_randomness(tmp_path):
+def test_simulator_noise_uses_no_shared_random_state(tmp_path):
     """Global generators have no say: neither torch's nor numpy's."""
     torch.manual_seed(1)
     np.random.seed(1)  # noqa: NPY002

@@ -51,13 +51,13 @@ def recording(env, policy, scenario):
     return record_episode(env, policy, scenario)
 
 
-def test_recording_changes_nothing(env, policy, scenario):
+def test_recording_does_not_change_results(env, policy, scenario):
     batch = ScenarioBatch.pack([scenario])
     recorder = EpisodeRecorder(env)
     assert evaluate(env, policy, batch, on_step=recorder) == evaluate(env, policy, batch)
 
 
-def test_agrees_with_the_record(env, policy, scenario, recording):
+def test_recording_agrees_with_the_record(env, policy, scenario, recording):
     (record,) = evaluate(env, policy, ScenarioBatch.pack([scenario]))
     driven = np.linalg.norm(np.diff(recording.pose[:, :2], axis=0), axis=1).sum()
     assert (recording.outcome, recording.num_steps) == (record.outcome, record.steps)
@@ -85,13 +85,15 @@ def test_metrics_of_a_recording_are_those_of_the_evaluation(tmp_path, env, polic
     assert len({record.outcome for record in records}) > 1
 
 
-def test_keeps_who_moved_into_whom(env, scenario):
+def test_recording_stores_the_at_fault_party(env, scenario):
     robot = env.base_env.simulator.robot
     walker = Pedestrian(scenario.path[[30, 0]], 1.0, 0.0)  # straight over the robot, which stands
     scene = dataclasses.replace(scenario, pedestrians=(walker,))
     found = record_episode(env, StandStill(robot), scene)
-    assert found.contact == Contact.RUN_INTO
-    assert measure(Trajectory.from_recordings([found], robot.max_speed))["run_into"] == [1.0]
+    assert found.contact == Contact.HIT_BY_PEDESTRIAN
+    assert measure(Trajectory.from_recordings([found], robot.max_speed))["hit_by_pedestrian"] == [
+        1.0
+    ]
 
 
 def test_recordings_of_different_robots_are_not_stacked(recording):
@@ -100,7 +102,7 @@ def test_recordings_of_different_robots_are_not_stacked(recording):
         Trajectory.from_recordings([recording, other], 1.0)
 
 
-def test_rows_are_in_step_with_time(env, scenario):
+def test_rows_correspond_to_time_steps(env, scenario):
     """Pose and command fit: the speed commanded in step t is driven from row t to row t + 1."""
     recording = record_episode(env, UniformRandom(seed=0), scenario)
     free = recording.action[:-1]  # the last step may end in a contact
@@ -111,10 +113,10 @@ def test_rows_are_in_step_with_time(env, scenario):
     assert np.allclose(chord, arc * np.sinc(half_turn / np.pi), atol=1e-5)
     turn = np.diff(recording.pose[:-1, 2])
     assert np.allclose(np.sin((turn - 2 * half_turn) / 2), 0.0, atol=1e-5)
-    assert np.abs(free[:, 1]).max() > 1.5  # rad/s, not normalised
+    assert np.abs(free[:, 1]).max() > 1.5  # rad/s, not normalized
 
 
-def test_holds_what_was_observed_and_decided(env, policy, scenario, recording):
+def test_recording_contains_observations_and_actions(env, policy, scenario, recording):
     steps, seen = recording.num_steps, []
     batch = ScenarioBatch.pack([scenario])
     evaluate(env, policy, batch, on_step=lambda stepped: seen.append(stepped.clone()))
@@ -130,7 +132,7 @@ def test_holds_what_was_observed_and_decided(env, policy, scenario, recording):
         assert total == pytest.approx(float(after["reward"]), abs=1e-5)
 
 
-def test_survives_the_disk(tmp_path, recording, scenario):
+def test_recording_round_trips_through_a_file(tmp_path, recording, scenario):
     file = tmp_path / "episode.npz"
     recording.save(file)
     loaded = Recording.load(file)
@@ -149,7 +151,7 @@ def test_survives_the_disk(tmp_path, recording, scenario):
     assert again.to_json() == scenario.to_json()
 
 
-def test_what_a_policy_does_not_make_is_none(tmp_path, env, scenario):
+def test_missing_policy_outputs_are_none(tmp_path, env, scenario):
     plain = record_episode(env, PurePursuit(env.base_env.simulator.robot), scenario)
     plain.save(tmp_path / "plain.npz")
     loaded = Recording.load(tmp_path / "plain.npz")
@@ -158,7 +160,7 @@ def test_what_a_policy_does_not_make_is_none(tmp_path, env, scenario):
     assert loaded.tagd is not None
 
 
-def test_other_worlds_going_on_add_nothing(env, scenario):
+def test_other_running_worlds_add_no_rows(env, scenario):
     noisier = dataclasses.replace(scenario, noise_seed=scenario.noise_seed + 1)  # other draws too
     twice = ScenarioBatch.pack([scenario, noisier])
     recorder = EpisodeRecorder(env)
@@ -180,7 +182,7 @@ def test_archive_writes_the_bytes_of_single_recordings(tmp_path, env, policy, cf
         assert (tmp_path / "archive" / alone.name).read_bytes() == alone.read_bytes()
 
 
-def test_an_episode_that_raises_is_told(env, scenario):
+def test_failed_episode_is_reported(env, scenario):
     def broken(_):
         raise ZeroDivisionError("of the policy")
 

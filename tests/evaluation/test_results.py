@@ -18,7 +18,7 @@ FIRST = dict.fromkeys(NAMES) | {
     "min_time_to_collision_s": math.inf,
 }
 SETTING = {
-    "run_into": True,
+    "hit_by_pedestrian": True,
     "noise_seed": 9,
     "num_dynamic": 2,
     "num_static": 1,
@@ -41,7 +41,7 @@ METRICS = (
 NO_METRICS = "," * METRICS.count(",")
 ERROR_METRICS = f"0,0,0,0,0,0,,0.000000,0.000000{',' * 13}"  # no success, and no contact is known
 CSV = f"""\
-index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,run_into,solved,\
+index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,hit_by_pedestrian,solved,\
 noise_seed,num_dynamic,num_static,pedestrian_speed_mps,{METRICS},error
 0,corridor,success,40,8.000000,7.123457,0.250000,0,,0,0,0,,\
 1,,,,,,8.000000,{"," * 14}inf,
@@ -67,17 +67,17 @@ def test_summary_counts_every_episode():
     assert result["collision_pedestrian_rate"] == pytest.approx(1 / 6, abs=1e-6)
     assert result["collision_static_rate"] == pytest.approx(1 / 6, abs=1e-6)
     assert result["timeout_interval"] == pytest.approx(wilson_interval(1, 6), abs=1e-6)
-    assert (result["errors"], result["run_into"], result["successes"]) == (1, 1, 2)
+    assert (result["errors"], result["hit_by_pedestrian"], result["successes"]) == (1, 1, 2)
     names = ("policy", "suite", "suite_hash", "simulator")
     assert [result[name] for name in names] == ["p", "s", "0f", "BatchedSimulator"]
 
 
-def test_navigation_time_is_that_of_successes():
+def test_navigation_time_is_of_successes_only():
     assert summary()["navigation_time_s"] == pytest.approx(9.1)
     assert summary(RECORDS[2:])["navigation_time_s"] is None
 
 
-def test_kinds_of_worlds_are_counted_apart():
+def test_kinds_of_worlds_are_counted_separately():
     kinds = summary()["by_scenario"]
     assert {kind: part["episodes"] for kind, part in kinds.items()} == {"corridor": 2, "office": 4}
     assert kinds["corridor"]["success_rate"] == 0.5
@@ -90,12 +90,12 @@ def test_rates_sum_to_one():
     assert found["error_rate"] == pytest.approx(1 / 6)
 
 
-def test_no_episodes_make_no_summary():
+def test_summary_of_no_episodes_is_rejected():
     with pytest.raises(ValueError, match="records"):
         summary([])
 
 
-def test_files_hold_these_bytes(tmp_path):
+def test_files_have_exact_content(tmp_path):
     write_results(tmp_path / "new", RECORDS, summary())
     assert (tmp_path / "new" / "episodes.csv").read_bytes() == CSV.encode()
     text = (tmp_path / "new" / "summary.json").read_text()
@@ -116,7 +116,7 @@ def test_plans_are_counted_and_written(tmp_path):
         assert [row["solved"] for row in csv.DictReader(file)] == ["1", "1", "0", "0", "0", "0"]
 
 
-def test_metrics_are_summarised_over_all_and_over_successes():
+def test_metrics_are_summarized_over_all_and_successes():
     played = [
         replace(r, metrics=dict.fromkeys(NAMES) | {"success": float(won), "spl": spl})
         for r, won, spl in zip(RECORDS[:4], (1, 1, 0, 0), (0.5, 1.0, 0.0, math.inf), strict=True)
@@ -138,7 +138,7 @@ def test_metrics_are_summarised_over_all_and_over_successes():
     }
 
 
-def test_an_error_is_in_every_rate_and_no_success():
+def test_errors_count_as_failures_in_every_rate():
     values = dict.fromkeys(NAMES) | {"success": 1.0, "collision": 0.0, "spl": 1.0, "stl": 0.5}
     won = [replace(RECORDS[0], index=k, metrics=values) for k in range(3)]
     result = summary([*won, RECORDS[5]])

@@ -1,4 +1,4 @@
-"""Episodes whose end is known beforehand, and records that do not depend on their neighbours."""
+"""Episodes whose end is known beforehand, and records that do not depend on their neighbors."""
 
 import math
 
@@ -93,14 +93,14 @@ def records(envs, batch):
     return evaluate(envs[len(EPISODES)], straight, batch)
 
 
-def test_ends_as_the_scene_says(records):
+def test_outcome_matches_the_scene(records):
     assert [record.outcome for record in records] == OUTCOMES
     assert [record.index for record in records] == list(range(len(EPISODES)))
     assert {record.scenario for record in records} == {"corridor"}
     assert {record.error for record in records} == {""}
 
 
-def test_steps_times_and_lengths_are_those_of_the_drive(records):
+def test_steps_times_and_lengths_match_the_trajectory(records):
     success, wall, *_, timeout, _ = records
     assert (success.steps, success.time_s) == (5, pytest.approx(1.0))
     assert success.path_length_m == pytest.approx(1.0, abs=1e-5)
@@ -123,19 +123,21 @@ def test_the_distance_at_the_start_counts(envs):
     assert record.min_pedestrian_distance_m == pytest.approx(0.5 - 0.15 - RADIUS, abs=1e-5)
 
 
-def test_tells_who_moved_into_whom(records):
-    assert [record.run_into for record in records] == [i == 4 for i in range(len(EPISODES))]
+def test_at_fault_party_is_recorded(records):
+    assert [record.hit_by_pedestrian for record in records] == [
+        i == 4 for i in range(len(EPISODES))
+    ]
 
 
 @pytest.mark.parametrize("policy", [straight, wobbling])
 @pytest.mark.parametrize("num_worlds", [1, 3])
-def test_records_do_not_depend_on_the_neighbours(envs, batch, policy, num_worlds):
+def test_records_do_not_depend_on_the_batch(envs, batch, policy, num_worlds):
     """Neither on who is played beside, nor on worlds that go on, nor on the padding."""
     expected = evaluate(envs[len(EPISODES)], policy, batch)
     assert evaluate(envs[num_worlds], policy, batch) == expected
 
 
-def test_same_again(envs, batch):
+def test_repeated_rollout_is_identical(envs, batch):
     first, second = (evaluate(envs[3], wobbling, batch) for _ in range(2))
     assert first == second
 
@@ -175,9 +177,7 @@ def test_progress_counts_each_episode_once(envs, batch):
 
 
 @pytest.mark.parametrize("num_worlds", [1, 3, len(EPISODES)])
-def test_an_episode_that_raises_is_an_error_and_takes_none_with_it(
-    envs, batch, records, num_worlds
-):
+def test_failed_episode_does_not_affect_others(envs, batch, records, num_worlds):
     def policy(tensordict):
         if bool((tensordict[keys.PATH][:, -1] == torch.tensor([0.5, 0.3])).all(-1).any()):
             raise ZeroDivisionError("no way")
@@ -212,7 +212,7 @@ class Seer:
         return straight(tensordict)
 
 
-def test_a_policy_that_prepares_is_shown_what_it_plays(envs, batch):
+def test_preparing_policy_receives_its_scenarios(envs, batch):
     seer = Seer()
     found = evaluate(envs[3], seer, batch)
     goals = [scene.goal.tolist() for scene in EPISODES]
@@ -220,7 +220,7 @@ def test_a_policy_that_prepares_is_shown_what_it_plays(envs, batch):
     assert [record.solved for record in found] == [goal[1] == 0.0 for goal in goals]
 
 
-def test_whoever_does_not_plan_solves_neither_more_nor_less(envs, batch, records):
+def test_solved_is_none_without_a_planner(envs, batch, records):
     assert {record.solved for record in records} == {None}
     assert evaluate(envs[3], Seer(plans=False), batch) == records
 
@@ -244,7 +244,7 @@ def test_non_finite_action_is_an_error_of_its_episode(envs, batch, records, num_
 
 
 @pytest.mark.parametrize("raises", [False, True])
-def test_evaluation_leaves_the_callers_scenarios(batch, raises):
+def test_evaluation_restores_the_callers_scenarios(batch, raises):
     env = make(1)
     own = ScenarioBatch.pack([episode(9, goal=(3.0, 1.0))])
     env.base_env.set_scenarios(own)

@@ -24,7 +24,7 @@ DRAWS = 600
 
 @pytest.mark.parametrize("pairs", [6, 7, 8, 10, 12, 14, 20])
 @pytest.mark.parametrize("shape", ["normal", "skewed"])
-def test_five_percent_tests_fire_in_five_percent(pairs, shape):
+def test_tests_reject_in_five_percent(pairs, shape):
     """Both runs draw from one distribution; an exact test is allowed to fire less, never more."""
     rng = np.random.default_rng(pairs)
     draw = rng.normal if shape == "normal" else lambda size: rng.lognormal(0, 1, size)
@@ -39,7 +39,7 @@ def test_five_percent_tests_fire_in_five_percent(pairs, shape):
 
 
 @pytest.mark.parametrize("pairs", [6, 10, 20])
-def test_mcnemar_fires_in_at_most_five_percent(pairs):
+def test_mcnemar_rejects_in_at_most_five_percent(pairs):
     first, second = np.random.default_rng(pairs).random((2, 2000, pairs)) < 0.5
     p_values = [mcnemar_p_value(a, b) for a, b in zip(first, second, strict=True)]
     assert np.mean(np.array(p_values) < 0.05) < 0.05 + 2.6 * math.sqrt(0.05 * 0.95 / 2000)
@@ -64,14 +64,14 @@ def test_sign_flips_of_many_pairs_are_sampled():
 
 
 @pytest.mark.parametrize("pairs", range(6))
-def test_under_six_pairs_there_is_no_p_value(pairs):
+def test_fewer_than_six_pairs_have_no_p_value(pairs):
     found = paired_difference(np.arange(pairs) + 1.0, np.zeros(pairs))
     assert all(map(math.isnan, (found.low, found.high, found.p_value)))
     assert found.n == pairs and (pairs == 0 or found.value == (pairs + 1) / 2)
     assert math.isnan(mcnemar_p_value([True] * pairs, [False] * pairs))
 
 
-def test_six_pairs_all_alike_have_a_p_value_and_no_interval():
+def test_six_equal_pairs_have_a_p_value_and_no_interval():
     found = paired_difference([2.0] * 6, [1.0] * 6)
     assert (found.value, found.p_value, found.n) == (1.0, 2 / 64, 6)
     assert math.isnan(found.low) and math.isnan(found.high)
@@ -100,7 +100,7 @@ def test_few_or_equal_seeds_have_no_interval(scores):
     assert math.isnan(found.low) and math.isnan(found.high)
 
 
-def test_tables_of_four_episodes_print_no_test(tmp_path):
+def test_tables_of_four_episodes_show_no_test(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON] * 4, time_to_goal_s="{time}")
     write_evaluation(tmp_path / "b", "dwa", [WON] * 3 + [HIT], time_to_goal_s="{time}", delay=1.0)
     table = compare_folders([tmp_path])
@@ -116,7 +116,7 @@ def test_tables_of_four_episodes_print_no_test(tmp_path):
     json.loads(write_comparison([table], tmp_path)[2].read_text(), parse_constant=pytest.fail)
 
 
-def test_a_tie_is_called_a_tie(tmp_path):
+def test_tie_is_reported_as_a_tie(tmp_path):
     for name in ("dwa", "liang", "paper"):
         write_evaluation(tmp_path / name, name, [WON] * 6 + [HIT] * 2)
     write_evaluation(tmp_path / "random", "random", [WON] * 2 + [HIT] * 6)
@@ -138,7 +138,7 @@ def test_a_tie_is_called_a_tie(tmp_path):
     )
 
 
-def test_a_report_of_four_episodes_claims_nothing(tmp_path):
+def test_report_of_four_episodes_claims_no_difference(tmp_path):
     pytest.importorskip("plotly", reason="needs the extra 'report'")
     from navrl.viz.report import write_report
 

@@ -18,19 +18,19 @@ from navrl.evaluation.statistics import (
 
 @pytest.mark.parametrize("successes, total", [(0, 10), (10, 10), (81, 100), (3, 7)])
 @pytest.mark.parametrize("confidence", [0.9, 0.95])
-def test_is_the_score_interval(successes, total, confidence):
+def test_wilson_interval_equals_the_score_interval(successes, total, confidence):
     z, rate = norm.ppf((1 + confidence) / 2), successes / total
-    centre = (rate + z**2 / (2 * total)) / (1 + z**2 / total)
+    center = (rate + z**2 / (2 * total)) / (1 + z**2 / total)
     half = z * math.sqrt(rate * (1 - rate) / total + z**2 / (4 * total**2)) / (1 + z**2 / total)
-    expected = max(centre - half, 0.0), min(centre + half, 1.0)
+    expected = max(center - half, 0.0), min(center + half, 1.0)
     assert wilson_interval(successes, total, confidence) == pytest.approx(expected, abs=1e-12)
 
 
-def test_without_trials_nothing_is_known():
+def test_interval_without_trials_is_undefined():
     assert all(math.isnan(bound) for bound in wilson_interval(0, 0))
 
 
-def test_the_bootstrap_agrees_with_the_normal_interval_where_that_holds():
+def test_bootstrap_agrees_with_the_normal_interval():
     times = np.random.default_rng(3).normal(9.0, 2.0, size=400)
     found = bootstrap_mean(times)
     half = 1.96 * times.std(ddof=1) / math.sqrt(400)
@@ -44,13 +44,13 @@ def test_the_bootstrap_agrees_with_the_normal_interval_where_that_holds():
     assert bootstrap_mean(times) == found  # the same table twice
 
 
-def test_the_bootstrap_of_little():
+def test_bootstrap_of_few_values():
     assert bootstrap_mean([]).n == 0 and math.isnan(bootstrap_mean([]).value)
     with pytest.raises(ValueError, match="inf"):
         bootstrap_mean([1.0, math.inf])
 
 
-def test_mcnemar_is_the_binomial_test_of_those_won_by_one_alone():
+def test_mcnemar_is_the_binomial_test_of_discordant_pairs():
     # 5 won by both, 8 by the first alone, 2 by the second alone, 4 by neither
     first = [True] * 13 + [False] * 6
     second = [True] * 5 + [False] * 8 + [True] * 2 + [False] * 4
@@ -62,7 +62,7 @@ def test_mcnemar_is_the_binomial_test_of_those_won_by_one_alone():
         mcnemar_p_value(first, second[:-1])
 
 
-def test_pairing_finds_what_the_spread_of_episodes_hides():
+def test_pairing_detects_differences_despite_episode_spread():
     rng = np.random.default_rng(0)
     length = rng.uniform(4, 20, size=200)  # some episodes are long for everybody
     first, second = length + rng.normal(0.1, 0.3, 200), length
@@ -77,7 +77,7 @@ def test_pairing_finds_what_the_spread_of_episodes_hides():
     assert shuffled.p_value > 0.05  # unpaired, nothing can be told
 
 
-def test_p_values_are_uniform_where_there_is_no_difference():
+def test_p_values_are_uniform_without_a_difference():
     rng = np.random.default_rng(1)
     draws = rng.normal(size=(300, 40))
     p_values = [paired_difference(row, np.zeros(40), resamples=400).p_value for row in draws]
@@ -85,7 +85,7 @@ def test_p_values_are_uniform_where_there_is_no_difference():
     assert 0.4 < np.mean(p_values) < 0.6
 
 
-def test_interquartile_mean_leaves_out_a_quarter_at_each_end():
+def test_interquartile_mean_excludes_outer_quarters():
     assert interquartile_mean(np.array([0.0, 1.0, 2.0, 100.0])) == pytest.approx(1.5)
     assert interquartile_mean(np.arange(8.0).reshape(2, 4)) == pytest.approx(3.5)
 

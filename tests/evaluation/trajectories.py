@@ -1,5 +1,7 @@
 """Trajectories made by hand: one episode each, said in a line."""
 
+import dataclasses
+
 import numpy as np
 
 from navrl.envs import Outcome
@@ -21,29 +23,27 @@ def trajectory(
     padding=0,
 ):
     """Return one episode whose samples are ``positions``, ``people`` a series of boxes each."""
-    count = len(positions)
-    pose = np.full((1, count + padding, 3), np.nan)
-    pose[0, :count, :2] = positions
-    pose[0, :count, 2] = 0.0 if yaw is None else yaw
-    pedestrians = np.full((1, count + padding, len(people), 5), np.nan)
-    for k, series in enumerate(people):
-        pedestrians[0, :count, k] = series
-    path = np.array([positions[0], positions[-1]] if path is None else path, dtype=np.float32)
-    boxes = np.array(boxes, dtype=float).reshape(1, -1, 5)
-    return Trajectory(
+    made = Trajectory.of_positions(
+        positions,
+        yaw=0.0 if yaw is None else yaw,
+        people=people,
+        boxes=boxes,
+        num_furniture=furniture,
+        path=path,
+        outcome=outcome,
+        contact=contact,
         time_step_s=DT,
         robot_radius=RADIUS,
-        max_speed=1.0,
-        num_steps=np.array([count - 1]),
-        outcome=np.array([outcome]),
-        contact=np.array([contact]),
-        pose=pose,
-        pedestrians=pedestrians,
-        boxes=boxes,
-        is_furniture=(np.arange(boxes.shape[1]) >= boxes.shape[1] - furniture)[None],
-        path=path[None],
-        planned_length=np.linalg.norm(np.diff(path, axis=0), axis=1).sum()[None],
     )
+    return dataclasses.replace(
+        made, pose=_padded(made.pose, padding), pedestrians=_padded(made.pedestrians, padding)
+    )
+
+
+def _padded(samples, count):
+    width = [(0, 0)] * samples.ndim
+    width[1] = (0, count)
+    return np.pad(samples, width, constant_values=np.nan)
 
 
 def along(*xs):

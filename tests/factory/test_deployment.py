@@ -17,7 +17,7 @@ def cfg():
     return compose("train", [*tiny, "experiment=navrl-best", "robot.max_speed=0.6"])
 
 
-def test_the_bundle_has_its_shield_and_training_has_none(cfg, tmp_path):
+def test_shield_is_in_the_bundle_and_not_in_training(cfg, tmp_path):
     env = make_training_env(cfg, seed=0, num_worlds=1)
     assert not any(isinstance(step, ActionShield) for step in env.transform)
     shapes = factory.observation_shapes(env)
@@ -31,7 +31,7 @@ def test_the_bundle_has_its_shield_and_training_has_none(cfg, tmp_path):
     assert recording.action[:, 0].max() <= 0.6
 
 
-def test_a_run_from_before_this_key_saves_what_it_was_trained_with(cfg, tmp_path):
+def test_run_without_deployment_key_saves_its_transforms(cfg, tmp_path):
     older = OmegaConf.masked_copy(cfg, [key for key in cfg if key != "deployment"])
     shapes = factory.observation_shapes(make_training_env(older, seed=0, num_worlds=1))
     actor, _ = factory.make_agent(older, shapes)
@@ -40,7 +40,7 @@ def test_a_run_from_before_this_key_saves_what_it_was_trained_with(cfg, tmp_path
     assert "action_shield" not in config["transforms"]
 
 
-def test_a_mistake_is_told_before_the_training(cfg, tmp_path):
+def test_invalid_deployment_fails_before_training(cfg, tmp_path):
     wrong = cfg.copy()
     wrong.deployment.transforms.action_shield.horizon = -1.0
     with pytest.raises(Exception, match="horizon"):

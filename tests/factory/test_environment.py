@@ -22,7 +22,7 @@ def test_one_pipeline_serves_two_environments():
         torch.testing.assert_close(driven, torch.tensor([[speed, 0.0]]))
 
 
-def test_gymnasium_leaves_the_overrides_as_they_were():
+def test_gymnasium_does_not_modify_overrides():
     overrides = ["scenario=corridor", "pool_size=2", "num_threads=1"]
     given = list(overrides)
     factory.make_gymnasium_env(overrides=given).close()

@@ -31,7 +31,7 @@ def config(*overrides, command="evaluate"):
         ("transforms=robust", "transforms."),
     ],
 )
-def test_parts_that_a_bundle_brings_are_not_overridden(command, word, key):
+def test_parts_of_a_bundle_cannot_be_overridden(command, word, key):
     with pytest.raises(ValueError, match=rf"^{key}.*no effect.*\+change\.{key}"):
         make_evaluated_policy(config("policy=paper", word, command=command))
 
@@ -67,7 +67,7 @@ def test_overridden_parts_of_a_controller_have_an_effect():
     assert env.base_env.simulator.lidar.num_beams == 720
 
 
-def test_worlds_of_the_simulator_are_those_of_the_environment():
+def test_simulator_and_environment_have_equal_worlds():
     with pytest.raises(ValueError, match=r"simulator.num_worlds=7: no effect, num_worlds=7"):
         make_evaluated_policy(config("policy=random", "simulator.num_worlds=7"))
 
@@ -83,14 +83,14 @@ def test_one_episode_is_played_in_one_world():
         record(config("policy=random", "num_worlds=5", command="play"))
 
 
-def test_a_recording_is_drawn_as_it_is():
+def test_overrides_of_a_recording_are_rejected():
     check_drawing(compose("play", ["recording=file.npz", "frames_per_s=2"]))
     for word in ("episode=3", "policy=dwa", "lidar.num_beams=9", "suite.seed=4"):
         with pytest.raises(ValueError, match=rf"^{word}: no effect with recording=file.npz"):
             check_drawing(compose("play", ["recording=file.npz", word]))
 
 
-def test_what_a_benchmark_does_not_use_is_an_error():
+def test_unused_override_of_a_benchmark_is_an_error():
     check_measured(["transforms=robust", "replay.batch_size=4", "+effort.x=1", "pool_size=3"])
     words = ["suite=table1", "suite.seed=3", "simulator@final_simulator=bullet", "resume=a"]
     words += ["replay.capacity=7", "schedule.total_frames=5", "+deployment.transforms.x=1"]
@@ -106,7 +106,7 @@ def test_a_suite_without_episodes_names_its_number():
         Suite("a", -1, 1, None)
 
 
-def test_latency_is_that_of_the_changed_policy(tmp_path, monkeypatch):
+def test_latency_is_of_the_changed_policy(tmp_path, monkeypatch):
     from navrl.factory.policy import make_runner
 
     assert make_runner(config("policy=dwa")) is None

@@ -16,7 +16,7 @@ SHORT += ["num_threads=1", "progress_bar=false", "transforms.icp_align.max_itera
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_plays_a_suite(name, tmp_path):
+def test_controller_plays_a_suite(name, tmp_path):
     if name == "orca" and importlib.util.find_spec("pyrvo") is None:
         pytest.skip("needs the extra orca")
     summary = run_evaluation(compose("evaluate", [f"policy={name}", *SHORT]), tmp_path)
@@ -39,7 +39,7 @@ EMPTY += ["suite.distribution.num_dynamic=[0,0]", "suite.distribution.num_static
 EMPTY += ["num_worlds=20", "num_threads=1", "progress_bar=false"]
 
 
-def test_stop_and_go_arrives_in_worlds_without_people(tmp_path):
+def test_stop_and_go_reaches_the_goal_without_pedestrians(tmp_path):
     summary = run_evaluation(compose("evaluate", ["policy=stop_and_go", *EMPTY]), tmp_path)
     assert summary["success_rate"] == 1.0
 

@@ -18,7 +18,7 @@ def config(*overrides):
 
 
 @pytest.mark.parametrize("policy", ["paper", "oracle", "stand_still"])
-def test_all_decisions_but_each_episodes_first_are_timed(policy, tmp_path):
+def test_first_decision_of_an_episode_is_not_timed(policy, tmp_path):
     cfg = config(f"policy={policy}", "latency=2")
     run_evaluation(cfg, tmp_path)
     before = (tmp_path / "summary.json").read_bytes()
@@ -32,7 +32,7 @@ def test_all_decisions_but_each_episodes_first_are_timed(policy, tmp_path):
     assert (tmp_path / "summary.json").read_bytes() == before
 
 
-def test_nothing_is_timed_unasked(tmp_path):
+def test_latency_is_measured_only_on_request(tmp_path):
     assert measure_latency(config("policy=stand_still"), tmp_path) is None
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match=r"latency=-1: .* >= 0"):

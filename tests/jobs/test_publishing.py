@@ -69,7 +69,7 @@ def test_card_and_curve(run, evaluation, tmp_path, capsys):
     assert [row["updates"] for row in rows] == [str(n) for n in range(0, 4600, 400)]
 
 
-def test_the_weights_are_those_of_the_run(run, tmp_path):
+def test_published_weights_equal_the_runs(run, tmp_path):
     out = tmp_path / "mine"
     main([str(run), str(out)])
     before, after = load_bundle(run / "policy"), load_bundle(out)
@@ -81,7 +81,7 @@ def test_the_weights_are_those_of_the_run(run, tmp_path):
     assert "Scores" not in (out / "card.md").read_text()
 
 
-def test_weights_in_half_the_space_are_rounded_once(run, tmp_path):
+def test_half_precision_weights_are_rounded_once(run, tmp_path):
     out = tmp_path / "mine"
     main([str(run), str(out), "--half"])
     before, after = (load_bundle(folder).actor.state_dict() for folder in (run / "policy", out))
@@ -110,7 +110,7 @@ def test_weights_in_half_the_space_are_rounded_once(run, tmp_path):
         (lambda run: (run / ".hydra" / "overrides.yaml").write_text("- ["), "overrides.yaml"),
     ],
 )
-def test_what_is_missing_is_named(run, tmp_path, capsys, spoil, message):
+def test_missing_files_are_named(run, tmp_path, capsys, spoil, message):
     spoil(run)
     with pytest.raises(SystemExit) as stop:
         main([str(run), str(tmp_path / "mine")])
@@ -125,7 +125,7 @@ def test_a_folder_without_evaluation_is_named(run, tmp_path, capsys):
     assert "no evaluation there" in capsys.readouterr().err
 
 
-def test_scores_of_another_policy_are_refused(run, evaluation, tmp_path, capsys):
+def test_scores_of_another_policy_are_rejected(run, evaluation, tmp_path, capsys):
     """By the hash of weights and configuration; older evaluations have none."""
     own = policy_hash(bundle_files(run / "policy"))
     summary = json.loads((evaluation / "summary.json").read_text())

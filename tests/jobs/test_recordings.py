@@ -10,7 +10,7 @@ TINY = ["suite=smoke", "num_threads=1", "environment.time_limit_steps=8", "polic
 TERMS = {"collision", "guidance", "proximity", "progress"}
 
 
-def test_rewards_are_kept(tmp_path):
+def test_rewards_are_recorded(tmp_path):
     played = record(compose("play", [*TINY, "episode=1"]))
     kept = ["suite.num_episodes=3", "num_worlds=3", "recordings=all", "progress_bar=false"]
     run_evaluation(compose("evaluate", [*TINY, *kept]), tmp_path)
@@ -23,6 +23,6 @@ def test_rewards_are_kept(tmp_path):
     assert sum(played.reward_terms["progress"]) > 1.0  # it drove on for a while
 
 
-def test_other_rewards_are_kept_if_asked_for():
+def test_additional_rewards_are_recorded_on_request():
     paper = record(compose("play", [*TINY, "reward=paper"]))
     assert paper.reward_terms.keys() == TERMS - {"progress"}

@@ -47,7 +47,7 @@ def test_values_and_gradients_equal_the_single_layers(precision, tolerance, acti
 
 @fused
 @pytest.mark.parametrize("learning", [["value"], ["0"], ["2"], ["4"], ["value", "2"], ["0", "4"]])
-def test_only_what_is_asked_for_gets_a_gradient(learning):
+def test_gradients_are_computed_only_where_required(learning):
     layers, value = network(), points(requires_grad="value" in learning)
     for name, parameter in layers.named_parameters():
         parameter.requires_grad_(name.split(".")[0] in learning)
@@ -58,14 +58,14 @@ def test_only_what_is_asked_for_gets_a_gradient(learning):
 
 
 @fused
-def test_a_bias_alone_learns():
+def test_bias_only_gradient_is_computed():
     layers = [(torch.ones(2, 3), torch.zeros(2, requires_grad=True), True)]
     fused_layers(torch.ones(5, 3), layers).sum().backward()
     assert layers[0][1].grad.tolist() == [5.0, 5.0]
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-def test_other_types_transforms_and_empty_batches_take_the_single_layers(dtype):
+def test_unsupported_inputs_use_single_layers(dtype):
     layers = network().to(dtype)
     value = points(dtype, requires_grad=False)
     expected = nn.Sequential(*layers)(value)
@@ -87,7 +87,7 @@ def test_other_types_transforms_and_empty_batches_take_the_single_layers(dtype):
         [nn.Linear(3, 3), nn.Linear(3, 3), nn.ReLU()],
     ],
 )
-def test_any_sequence_of_layers_is_a_perceptron(layers):
+def test_fused_layers_accept_any_layer_sequence(layers):
     value = torch.randn(5, 3)
     for enabled in (False, True):
         with torch.autocast("cpu", torch.bfloat16, enabled=enabled):

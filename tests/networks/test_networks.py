@@ -13,12 +13,12 @@ from navrl.networks import (
     make_actor,
     make_critic,
 )
-from navrl.networks.restraint import restrain
+from navrl.networks.saturation import penalize_saturation
 
 SHAPES = {
     "spatial": (180, 2),
     "temporal": (30, 4),
-    "waypoint": (5, 2),
+    "waypoints_scaled": (5, 2),
     "spatial_previous": (180, 2),
 }
 STREAMS = {
@@ -37,7 +37,7 @@ def test_actor_has_the_papers_parameter_count():
     assert sum(p.numel() for p in actor.parameters()) == 147_948
 
 
-def test_layer_sizes_are_the_papers():
+def test_layer_sizes_equal_the_papers():
     stream = make_actor(ENCODER, SHAPES).module.encoder.streams["spatial"].attention
     sizes = {
         name: [m.out_features for m in net if isinstance(m, torch.nn.Linear)]
@@ -77,7 +77,7 @@ def test_attention_does_not_depend_on_the_order_of_items():
     torch.testing.assert_close(block(items[:, order], context)[0], block(items, context)[0])
 
 
-def test_sectors_are_neighbouring_points():
+def test_sectors_are_neighboring_points():
     stream = AttentionStream("spatial", SHAPES, num_items=30)
     seen = []
     stream.attention.forward = lambda items, context: seen.append(items) or (items, items)
@@ -101,7 +101,7 @@ def test_actor_and_critic_take_any_batch(batch):
     assert td["state_action_value"].shape == (*batch, 1)
 
 
-def test_critic_sees_the_action():
+def test_q_value_depends_on_the_action():
     critic, td = make_critic(ENCODER, SHAPES), observation(4)
     td["action"] = torch.zeros(4, 2)
     first = critic(td.clone())["state_action_value"]
@@ -109,7 +109,7 @@ def test_critic_sees_the_action():
     assert not torch.allclose(first, critic(td)["state_action_value"])
 
 
-def test_attention_comes_out_on_request_and_changes_nothing():
+def test_returning_attention_does_not_change_actions():
     torch.manual_seed(1)
     silent = make_actor(ENCODER, SHAPES)
     torch.manual_seed(1)
@@ -123,7 +123,7 @@ def test_attention_comes_out_on_request_and_changes_nothing():
 
 
 @pytest.mark.parametrize("removed", ["spatial", "temporal"])
-def test_a_stream_is_removed_by_none(removed):
+def test_none_removes_a_stream(removed):
     encoder = partial(StreamEncoder, streams={**STREAMS, removed: None})
     actor = make_actor(encoder, SHAPES)
     assert removed not in actor.in_keys
@@ -142,15 +142,15 @@ def test_bad_sizes_are_named():
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.3])
-def test_restraint_is_the_identity_with_the_gradient_of_a_penalty(weight):
+def test_saturation_penalty_changes_gradients_only(weight):
     value = torch.randn(5, 2, requires_grad=True)
-    assert torch.equal(restrain(value, weight), value)
-    (gradient,) = torch.autograd.grad((restrain(value, weight) ** 3).mean(), value)
+    assert torch.equal(penalize_saturation(value, weight), value)
+    (gradient,) = torch.autograd.grad((penalize_saturation(value, weight) ** 3).mean(), value)
     loss = (value**3).mean() + weight * value.square().sum(-1).mean()
     torch.testing.assert_close(gradient, torch.autograd.grad(loss, value)[0])
 
 
-def test_a_saturated_actor_is_pulled_back():
+def test_saturation_penalty_reduces_saturation():
     value = torch.full((4, 2), 30.0, requires_grad=True)
-    (gradient,) = torch.autograd.grad(torch.tanh(restrain(value, 0.01)).mean(), value)
+    (gradient,) = torch.autograd.grad(torch.tanh(penalize_saturation(value, 0.01)).mean(), value)
     assert (gradient > 0).all()

@@ -44,8 +44,8 @@ def conv(in_channels: int, out_channels: int, kernel_size: int) -> int:
 
 
 def shapes(rays: int, waypoints: int = 5) -> dict[str, list[int]]:
-    scans = ("distance", "distance_previous", "distance_earlier")
-    others = {"waypoint": [waypoints, 2], "goal": [2], "spatial": [rays, 2]}
+    scans = ("ranges_pooled_scaled", "ranges_previous_scaled", "ranges_earlier_scaled")
+    others = {"waypoints_scaled": [waypoints, 2], "goal": [2], "spatial": [rays, 2]}
     return {**{key: [rays] for key in scans}, **others}
 
 
@@ -94,7 +94,7 @@ def count(module: torch.nn.Module) -> int:
 
 
 @pytest.mark.parametrize("name", COUNTS)
-def test_baselines_have_the_sizes_counted_by_hand(name):
+def test_baseline_sizes_match_a_manual_count(name):
     observed, flat, in_actor, in_critic = COUNTS[name]
     actor, critic = make_agent(compose("train", [f"experiment={name}"]), observed)
     scan = next(s for s in actor.module.encoder.streams.values() if isinstance(s, ConvStream))
@@ -102,21 +102,21 @@ def test_baselines_have_the_sizes_counted_by_hand(name):
     assert (count(actor), count(critic)) == (in_actor, in_critic)
 
 
-def test_known_totals():
+def test_parameter_counts_are_exact():
     """As the network's files tell them."""
     assert COUNTS["liang"][2] == 297_928
     assert COUNTS["perez_darpino"][2] == 419_234
 
 
-def test_subgoal_is_the_spatial_stream_alone():
+def test_subgoal_network_has_only_the_spatial_stream():
     subgoal, _ = make_agent(compose("train", ["experiment=subgoal"]), shapes(180))
     spatial, _ = make_agent(compose("train", ["experiment=no_temporal"]), shapes(180))
     assert count(subgoal) == count(spatial) == 147_948 - 62_773 - 30 * 128
-    assert subgoal.in_keys == ["spatial", "waypoint"]
+    assert subgoal.in_keys == ["spatial", "waypoints_scaled"]
 
 
 @pytest.mark.parametrize("name", COUNTS)
-def test_layers_are_those_of_the_baseline(name):
+def test_layers_equal_the_baselines(name):
     actor, critic = make_agent(compose("train", [f"experiment={name}"]), COUNTS[name][0])
     convolutions = [
         (m.out_channels, m.kernel_size[0], m.stride[0], m.padding[0])
@@ -132,9 +132,9 @@ def test_layers_are_those_of_the_baseline(name):
         assert critic.module.output[0].in_features == 2 * 256
 
 
-def test_convolutions_are_what_torch_computes_of_stacked_scans():
+def test_convolutions_equal_torch_on_stacked_scans():
     torch.manual_seed(0)
-    stream = ConvStream(["distance_previous", "distance"], shapes(180), **LIANG)
+    stream = ConvStream(["ranges_previous_scaled", "ranges_pooled_scaled"], shapes(180), **LIANG)
     scans = torch.randn(2, 7, 3, 180)
     (feature,) = stream(*scans)
     assert feature.shape == (7, 3, 64)
@@ -147,7 +147,7 @@ def test_convolutions_are_what_torch_computes_of_stacked_scans():
 
 
 def test_order_of_scans_matters():
-    stream = ConvStream(["distance_previous", "distance"], shapes(180), **LIANG)
+    stream = ConvStream(["ranges_previous_scaled", "ranges_pooled_scaled"], shapes(180), **LIANG)
     one, other = torch.rand(180), torch.rand(180)
     assert not torch.allclose(stream(one, other)[0], stream(other, one)[0])
 
@@ -156,9 +156,9 @@ def test_order_of_scans_matters():
 def test_streams_with_and_without_attention_compose(batch):
     streams = {
         "spatial": partial(AttentionStream, in_key="spatial"),
-        "scan": partial(ConvStream, in_keys=["distance"], **PEREZ),
+        "scan": partial(ConvStream, in_keys=["ranges_pooled_scaled"], **PEREZ),
         "goal": partial(VectorStream, in_key="goal", hidden=[8]),
-        "waypoints": partial(VectorStream, in_key="waypoint", hidden=[8]),
+        "waypoints": partial(VectorStream, in_key="waypoints_scaled", hidden=[8]),
     }
     make = {"encoder": partial(StreamEncoder, streams=streams), "shapes": shapes(180)}
     actor = make_actor(**make, with_attention=True)
@@ -172,11 +172,11 @@ def test_streams_with_and_without_attention_compose(batch):
     assert td["state_action_value"].shape == (*batch, 1)
 
 
-def test_attention_of_none_is_no_key():
-    streams = {"scan": partial(ConvStream, in_keys=["distance"], **PEREZ)}
+def test_streams_without_attention_have_no_attention_key():
+    streams = {"scan": partial(ConvStream, in_keys=["ranges_pooled_scaled"], **PEREZ)}
     make = partial(make_actor, partial(StreamEncoder, streams=streams), shapes(180))
     assert make(with_attention=True).out_keys == ["action"]
-    td = TensorDict({"distance": torch.rand(4, 180)}, [4])
+    td = TensorDict({"ranges_pooled_scaled": torch.rand(4, 180)}, [4])
     assert make(with_attention=True)(td)["action"].shape == (4, 2)
 
 
@@ -195,8 +195,11 @@ def test_every_input_reaches_the_critic():
     [
         ({"in_keys": ["sonar"]}, "'sonar' is not observed"),
         ({"in_keys": []}, r"one or more scans"),
-        ({"in_keys": ["distance", "goal"]}, r"equal length, got .*'goal': \[2\]"),
-        ({"in_keys": ["waypoint"]}, "layer 0: kernel_sizes=5: must be at most its 4 inputs"),
+        ({"in_keys": ["ranges_pooled_scaled", "goal"]}, r"equal length, got .*'goal': \[2\]"),
+        (
+            {"in_keys": ["waypoints_scaled"]},
+            "layer 0: kernel_sizes=5: must be at most its 4 inputs",
+        ),
         ({"padding_mode": "reflect"}, "padding_mode='reflect'.*zeros or circular"),
         ({"strides": [2]}, r"strides=\[2\]: must have 2 values"),
         ({"strides": [2, 0]}, "layer 1: .*strides=0"),
@@ -207,7 +210,7 @@ def test_every_input_reaches_the_critic():
 )
 def test_bad_sizes_are_named(change, message):
     with pytest.raises(ValueError, match=message):
-        ConvStream(**{"in_keys": ["distance"], **LIANG, **change}, shapes=shapes(180))
+        ConvStream(**{"in_keys": ["ranges_pooled_scaled"], **LIANG, **change}, shapes=shapes(180))
 
 
 def test_missing_vector_is_named():
@@ -230,25 +233,29 @@ BEST = {
 
 def attending(**options):
     torch.manual_seed(0)
-    sizes = {"distances": (4, 180), "distance": (180,), "waypoint": (5, 2)}
-    return ConvAttentionStream(["distances"], sizes, **{**BEST, **options})
+    sizes = {
+        "ranges_history_scaled": (4, 180),
+        "ranges_pooled_scaled": (180,),
+        "waypoints_scaled": (5, 2),
+    }
+    return ConvAttentionStream(["ranges_history_scaled"], sizes, **{**BEST, **options})
 
 
-def test_attention_is_over_places_and_their_order_is_kept_beside_it():
+def test_conv_attention_keeps_ordered_features():
     stream = attending()
     feature, weights = stream(torch.rand(3, 2, 4, 180), torch.rand(3, 2, 5, 2))
     assert feature.shape == (3, 2, stream.out_features) == (3, 2, 12 + 10)
     assert weights.shape == (3, 2, 45)
     torch.testing.assert_close(weights.sum(-1), torch.ones(3, 2))
-    assert stream.in_keys == ["distances", "waypoint"]
+    assert stream.in_keys == ["ranges_history_scaled", "waypoints_scaled"]
     assert not any("bearings" in name for name in stream.state_dict())
 
 
 def test_scans_of_one_key_or_of_several_are_channels():
     one = attending()
     torch.manual_seed(0)
-    sizes = {"recent": (3, 180), "distance": (180,), "waypoint": (5, 2)}
-    several = ConvAttentionStream(["distance", "recent"], sizes, **BEST)
+    sizes = {"recent": (3, 180), "ranges_pooled_scaled": (180,), "waypoints_scaled": (5, 2)}
+    several = ConvAttentionStream(["ranges_pooled_scaled", "recent"], sizes, **BEST)
     scans, waypoints = torch.rand(2, 4, 180), torch.rand(2, 5, 2)
     for ours, theirs in zip(
         one(scans, waypoints), several(scans[:, 0], scans[:, 1:], waypoints), strict=True
@@ -256,7 +263,7 @@ def test_scans_of_one_key_or_of_several_are_channels():
         torch.testing.assert_close(ours, theirs)
 
 
-def test_circular_places_turn_with_the_scan():
+def test_circular_padding_is_equivariant_to_rotation():
     """A place of four beams sees the beams of its own sector in its middle."""
     stream, scan = attending(), torch.rand(1, 4, 180)
     places = stream.convolve(scan)

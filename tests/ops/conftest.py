@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hypothesis import settings
 
-sys.path.insert(0, str(Path(__file__).parent))  # tests import their neighbour rooms.py
+sys.path.insert(0, str(Path(__file__).parent))  # tests import their neighbor rooms.py
 
 settings.register_profile("navrl", deadline=None, derandomize=True)
 settings.load_profile("navrl")

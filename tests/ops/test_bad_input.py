@@ -25,7 +25,7 @@ def scans():
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
-def test_a_broken_beam_is_no_return_and_spoils_no_neighbour(backend, broken):
+def test_invalid_beam_has_no_return_and_no_effect_on_others(backend, broken):
     ranges = torch.full((1, 16), 2.0)
     ranges[0, 3] = broken
     pooled = min_pool(ranges, 8, 3.5, backend=backend)
@@ -36,7 +36,7 @@ def test_a_broken_beam_is_no_return_and_spoils_no_neighbour(backend, broken):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("broken", [math.nan, math.inf])
-def test_a_broken_point_counts_as_no_return(scans, backend, broken):
+def test_invalid_point_counts_as_no_return(scans, backend, broken):
     points, returns = scans
     broken_points, without = points.clone(), returns.clone()
     broken_points[0, 7, 1], without[0, 7] = broken, False
@@ -55,7 +55,7 @@ def test_a_broken_point_counts_as_no_return(scans, backend, broken):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_integers_give_what_their_real_numbers_give(backend):
+def test_integer_input_equals_float_input(backend):
     """Points, poses and boxes in whole millimeters: nothing is cut off."""
     generator = torch.Generator().manual_seed(4)
     points = torch.randint(-2000, 2000, (2, 60, 2), generator=generator)
@@ -95,7 +95,7 @@ def test_scans_without_a_single_return_are_defined(scans, backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_worlds_without_boxes_and_scanners_inside_of_one_are_defined(backend):
+def test_raycast_without_boxes_or_inside_a_box_is_defined(backend):
     pose = torch.zeros(2, 3)
     free = cast_rays(pose, torch.zeros(2, 0, 5), num_beams=8, max_range=3.5, backend=backend)
     assert free.eq(3.5).all()
@@ -104,7 +104,7 @@ def test_worlds_without_boxes_and_scanners_inside_of_one_are_defined(backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_what_cannot_be_is_refused_by_name(scans, backend):
+def test_invalid_arguments_are_named(scans, backend):
     points, returns = scans
     pose, boxes = torch.zeros(1, 3), torch.tensor([[[1.0, 0.0, -0.1, 0.1, 0.0]]])
     ray = {"num_beams": 8, "max_range": 3.5, "backend": backend}

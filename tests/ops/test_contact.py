@@ -5,7 +5,13 @@ import math
 import pytest
 import torch
 
-from navrl.ops.contact import MOVING_SPEED, PEDESTRIAN, RUN_INTO, blame, nearest_point_on_box
+from navrl.ops.contact import (
+    HIT_BY_PEDESTRIAN,
+    MOVING_SPEED,
+    PEDESTRIAN,
+    classify_contact,
+    nearest_point_on_box,
+)
 from navrl.ops.distance import point_box_distance
 
 BOX = (2.0, 1.0, 0.5, 0.25)  # center and half sizes, m
@@ -50,17 +56,17 @@ def test_distance_to_an_absent_box_is_infinite():
     ("v", "point", "fault"),
     [
         (1.0, (0.1, 0.0), PEDESTRIAN),
-        (1.0, (-0.1, 0.0), RUN_INTO),
+        (1.0, (-0.1, 0.0), HIT_BY_PEDESTRIAN),
         (-1.0, (-0.1, 0.0), PEDESTRIAN),
-        (-1.0, (0.1, 0.0), RUN_INTO),
-        (0.0, (0.1, 0.0), RUN_INTO),
+        (-1.0, (0.1, 0.0), HIT_BY_PEDESTRIAN),
+        (0.0, (0.1, 0.0), HIT_BY_PEDESTRIAN),
         (1.01 * MOVING_SPEED, (0.1, 0.0), PEDESTRIAN),
-        (0.99 * MOVING_SPEED, (0.1, 0.0), RUN_INTO),
+        (0.99 * MOVING_SPEED, (0.1, 0.0), HIT_BY_PEDESTRIAN),
         (-1.01 * MOVING_SPEED, (-0.1, 0.0), PEDESTRIAN),
-        (-0.99 * MOVING_SPEED, (-0.1, 0.0), RUN_INTO),
-        (1.0, (0.0, 0.1), RUN_INTO),
+        (-0.99 * MOVING_SPEED, (-0.1, 0.0), HIT_BY_PEDESTRIAN),
+        (1.0, (0.0, 0.1), HIT_BY_PEDESTRIAN),
         (1.0, (0.01, 0.3), PEDESTRIAN),
-        (1.0, (-0.01, 0.3), RUN_INTO),
+        (1.0, (-0.01, 0.3), HIT_BY_PEDESTRIAN),
     ],
 )
 @pytest.mark.parametrize("yaw", [0.0, 2.0, -1.2])
@@ -71,4 +77,4 @@ def test_at_fault_party_by_speed_and_half_plane(v, point, fault, yaw):
     py = y + sin * point[0] + cos * point[1]
     if point[0] == 0.0:
         px, py = px - 1e-12 * cos, py - 1e-12 * sin  # exactly abeam is not ahead
-    assert blame(x, y, cos, sin, v, px, py) == fault
+    assert classify_contact(x, y, cos, sin, v, px, py) == fault

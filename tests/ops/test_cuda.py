@@ -39,7 +39,7 @@ def simulated(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_simulated_kernels_do_what_the_cpu_does(simulated, name):
+def test_simulated_cuda_kernels_equal_the_cpu(simulated, name):
     results = simulated[1]["results"][name]
     results = {key: torch.from_numpy(value) for key, value in results.items()}
     assert_same(name, results, CASES[name]("cpu"))
@@ -57,5 +57,5 @@ def test_all_kernels_are_simulated_and_compile(simulated):
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", CASES)
-def test_a_gpu_does_what_the_cpu_does(name):
+def test_gpu_results_equal_the_cpu(name):
     assert_same(name, CASES[name]("cuda"), CASES[name]("cpu"))

@@ -106,7 +106,7 @@ def one_point(x, y):
     return torch.tensor([[x, y]]), torch.tensor([True])
 
 
-def test_static_obstacle_has_no_motion_and_a_walker_has_its_own():
+def test_static_and_moving_obstacles_have_their_motion():
     points, returns = one_point(1.0, 0.0)
     moved, _ = one_point(1.1, 0.05)
     still = tagd(points, returns, points, returns).tagd[0]
@@ -115,7 +115,7 @@ def test_static_obstacle_has_no_motion_and_a_walker_has_its_own():
     torch.testing.assert_close(walker[2:] - walker[:2], torch.tensor([-0.1, -0.05]))
 
 
-def test_a_single_ray_makes_a_descriptor():
+def test_single_ray_defines_a_descriptor():
     points, returns = one_point(0.0, 2.0)
     result = tagd(points, returns, points, returns, num_groups=4)
     assert result.valid.any(-1).tolist() == [False, True, False, False]
@@ -129,7 +129,7 @@ def test_border_belongs_to_both_sectors():
     assert result.valid[:, 1].tolist() == [True, True, False, False, False, False]
 
 
-def test_empty_groups_by_hand():
+def test_empty_groups_match_a_manual_example():
     points, returns = one_point(3.0, 0.0)
     none = torch.tensor([False])
     ahead, behind = tagd(points, returns, points, none, num_groups=2).tagd

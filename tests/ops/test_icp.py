@@ -65,7 +65,7 @@ def test_robust_is_accurate_with_up_to_eight_pedestrians():
     assert rotation.median() <= 0.1
 
 
-def test_robust_from_180_single_beams():
+def test_robust_alignment_of_180_single_beams():
     for source, target, truth in both_ways(sample_scan_pairs(200, seed=3)):
         position, rotation = errors(run(source, target, ROBUST).transform, truth)
         assert ((position < 0.1) & (rotation < 2.0)).float().mean() >= 0.97
@@ -96,7 +96,7 @@ def test_equal_scans_have_not_moved(options):
     assert result.rmse.max() < 1e-6
 
 
-def test_maximum_range_points_would_hold_it_back():
+def test_maximum_range_points_reduce_accuracy():
     """Why returns are asked for: used as points, misses make it worse."""
     pairs = sample_scan_pairs(200, seed=6, beams_per_point=8)
     source, target = pairs.source, pairs.target
@@ -124,7 +124,7 @@ def test_too_few_points_is_the_identity_not_converged(options):
     assert (none.inliers == 0).all()
 
 
-def test_a_failed_alignment_keeps_nothing_of_its_first_guess():
+def test_failed_alignment_returns_the_identity():
     angle = torch.arange(9) * 0.1
     points = torch.zeros(180, 2)
     points[:9] = torch.stack([angle.cos(), angle.sin()], dim=-1) * (1.0 + angle.unsqueeze(-1))
@@ -134,7 +134,7 @@ def test_a_failed_alignment_keeps_nothing_of_its_first_guess():
     assert not turned.converged
 
 
-def test_target_points_that_are_no_returns_match_nothing():
+def test_targets_without_return_are_not_matched():
     angle = torch.arange(12) * 0.5
     ring = torch.stack([angle.cos(), angle.sin()], dim=-1)
     real = torch.ones(24, dtype=torch.bool)
@@ -158,7 +158,7 @@ def test_a_step_is_taken_in_the_target_frame():
     assert result.iterations == 2
 
 
-def test_iteration_bound_is_kept_and_told():
+def test_iteration_limit_is_respected_and_reported():
     pairs = sample_scan_pairs(30, seed=7)
     result = run(pairs.source, pairs.target, IcpOptions(max_iterations=2))
     assert result.iterations.max() == 2
@@ -187,7 +187,7 @@ def test_points_that_are_no_returns_may_be_nan():
     torch.testing.assert_close(clean.transform, dirty.transform, rtol=0, atol=0)
 
 
-def test_another_number_of_points():
+def test_scans_may_have_different_numbers_of_points():
     source = sample_scan_pairs(10, seed=10, noise_std=0.0).source
     target = type(source)(*(part[:, ::2] for part in source))
     assert run(source, target, PAPER).transform.abs().max() < 0.05
@@ -195,7 +195,7 @@ def test_another_number_of_points():
         run(source, target, ROBUST)
 
 
-def test_a_corridor_without_ends_stays_well_posed():
+def test_endless_corridor_is_well_posed():
     """Two parallel walls say nothing about motion along them; it must not run away."""
     x = torch.linspace(-3, 3, 90)
     points = torch.cat(
@@ -210,7 +210,7 @@ def test_a_corridor_without_ends_stays_well_posed():
     assert result.transform[0].abs() < 0.05
 
 
-def test_a_line_step_takes_what_lines_do_not_show_from_the_points():
+def test_line_step_uses_points_along_lines():
     """Across a corridor's walls the lines decide; along them only the matched points can."""
     points = torch.tensor([[[x, y] for x in (-2.0, -1, 0, 1, 2) for y in (-1.0, 1.0)]])
     every = torch.ones(1, 10, dtype=torch.bool)
@@ -243,13 +243,13 @@ def test_closed_form_equals_svd():
     torch.testing.assert_close(fit, expected)
 
 
-def test_fit_of_nothing_is_the_identity():
+def test_fit_without_points_is_the_identity():
     points = torch.rand(5, 2)
     assert (fit_rigid(points, points + 1.0, torch.zeros(5)) == 0).all()
 
 
 @pytest.mark.parametrize("turn_deg", [-36, -14, 0, 8, 36])
-def test_rotation_search_finds_a_turn_on_the_spot(turn_deg):
+def test_rotation_search_finds_an_in_place_rotation(turn_deg):
     scan = sample_scan_pairs(20, seed=11).source
     shift = turn_deg // 2  # 2 deg a point
     turned = (scan.points.roll(shift, 1), scan.returns.roll(shift, 1))
@@ -302,7 +302,7 @@ def test_lines_of_a_square_room():
     following = scan.points.roll(-1, 1) - scan.points
     both = lines.is_line & lines.is_line.roll(-1, 1) & (following.norm(dim=-1) < 0.2)
     slide = (following * lines.normal).sum(-1).abs() / following.norm(dim=-1).clamp(min=1e-6)
-    assert slide[both].median() < 0.01  # neighbours lie along the line
+    assert slide[both].median() < 0.01  # neighbors lie along the line
 
 
 def test_lines_do_not_reach_across_a_gap():
@@ -311,7 +311,7 @@ def test_lines_do_not_reach_across_a_gap():
     points = torch.stack([torch.where(y < 0, 1.0, 2.0), y], dim=-1)
     returns = torch.ones(40, dtype=torch.bool)
     lines = fit_lines(points, returns)
-    ahead = slice(3, -3)  # the first and last points are neighbours across the scan's seam
+    ahead = slice(3, -3)  # the first and last points are neighbors across the scan's seam
     assert lines.is_line[ahead].all()
     torch.testing.assert_close(lines.normal[ahead, 0].abs(), torch.ones(34))
 
@@ -337,7 +337,7 @@ def test_bad_input_is_named(change, message):
         align(**{**arguments, **change})
 
 
-def test_scans_larger_than_a_block_are_aligned_alone(monkeypatch):
+def test_scans_larger_than_a_block_are_aligned_separately(monkeypatch):
     monkeypatch.setattr("navrl.ops.icp.PAIRS_PER_BLOCK", 1)
     source = torch.rand(3, 40, 2, generator=torch.Generator().manual_seed(0)) * 4.0 - 2.0
     returns = torch.ones(3, 40, dtype=torch.bool)

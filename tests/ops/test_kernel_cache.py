@@ -25,7 +25,7 @@ def doubled(folder, monkeypatch):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.999])
-def test_a_cut_kernel_file_heals(tmp_path, monkeypatch, caplog, share):
+def test_truncated_kernel_file_is_rebuilt(tmp_path, monkeypatch, caplog, share):
     assert doubled(tmp_path, monkeypatch) == [2, 2, 2]
     (file,) = tmp_path.rglob("*.nbc")
     content = file.read_bytes()
@@ -38,7 +38,7 @@ def test_a_cut_kernel_file_heals(tmp_path, monkeypatch, caplog, share):
     assert not caplog.text
 
 
-def test_a_flipped_bit_in_a_kernel_file_is_not_run(tmp_path, monkeypatch, caplog):
+def test_corrupt_kernel_file_is_not_executed(tmp_path, monkeypatch, caplog):
     doubled(tmp_path, monkeypatch)
     (file,) = tmp_path.rglob("*.nbc")
     content = bytearray(file.read_bytes())
@@ -48,7 +48,7 @@ def test_a_flipped_bit_in_a_kernel_file_is_not_run(tmp_path, monkeypatch, caplog
     assert "damaged" in caplog.text
 
 
-def test_a_kernel_runs_where_it_cannot_be_kept(tmp_path, monkeypatch, caplog):
+def test_kernel_runs_without_a_writable_cache(tmp_path, monkeypatch, caplog):
     def full(file):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
 
@@ -72,7 +72,7 @@ def chosen():
     return Path(cache.cache_directory.__wrapped__())
 
 
-def test_the_shared_folder_is_made_for_the_user_alone(shared):
+def test_shared_cache_folder_is_private_to_the_user(shared):
     first = chosen()
     assert first == chosen() and first.parent.parent == shared
     assert first.stat().st_mode & 0o077 == first.parent.stat().st_mode & 0o077 == 0

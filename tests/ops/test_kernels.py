@@ -71,7 +71,7 @@ def test_alignment_equals_torch_for_any_number_of_points(num_points):
 
 @pytest.mark.parametrize("scale", [0.1, 0.2, 1.0])
 def test_alignment_equals_torch_far_from_the_start(scale):
-    """Beside a wall a step moves bearings by more than any window; no neighbour may be missed."""
+    """Beside a wall a step moves bearings by more than any window; no neighbor may be missed."""
     source, returns, target, target_returns = scan_pairs(seed=6)
     generator = torch.Generator().manual_seed(8)
     motion = 0.4 * torch.rand(len(source), 3, generator=generator) - 0.2
@@ -213,7 +213,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
     assert all(torch.equal(one, two) for one, two in zip(*results, strict=True))
 
 
-def test_gradients_take_the_torch_form():
+def test_gradients_use_the_torch_implementation():
     ranges = torch.rand(2, 16, requires_grad=True)
     min_pool(ranges, 8).points.sum().backward()
     assert ranges.grad.abs().sum() > 0
@@ -224,7 +224,7 @@ def test_gradients_take_the_torch_form():
     assert min_pool(ranges.detach().half(), 8).points.dtype == torch.float16
 
 
-def test_points_that_were_not_searched_add_nothing_to_the_error():
+def test_unsearched_points_do_not_affect_the_error():
     """What a point without a return holds is whatever was in memory: NaN, infinity, anything."""
     returns, weights = np.array([1.0, 0.0, 0.0, 1.0]), np.empty(4)
     squared = np.array([0.25, np.nan, np.inf, 9.0], dtype=np.float32)

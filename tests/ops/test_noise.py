@@ -26,7 +26,7 @@ def test_kernel_equals_torch_bit_for_bit(kind, num_beams):
 
 
 @pytest.mark.parametrize("kind", ["gaussian", "uniform"])
-def test_distribution(kind):
+def test_noise_has_its_distribution(kind):
     _, seed, step = scans(num_worlds=256)
     noise = add_range_noise(torch.full((256, 1440), 1.0), seed, step, noise_table(kind, 0.025), 3.5)
     noise = (noise.double() - 1.0) / 0.025
@@ -66,7 +66,7 @@ def test_noise_does_not_depend_on_the_batch():
 
 
 @pytest.mark.parametrize("backend", ["numba", "torch"])
-def test_hits_stay_hits_and_misses_stay_misses(backend):
+def test_noise_preserves_hits_and_misses(backend):
     _, seed, step = scans()
     table = noise_table("gaussian", 0.025)
     for reach in (0.0, 0.001, 3.4995, 3.499999):
@@ -78,14 +78,14 @@ def test_hits_stay_hits_and_misses_stay_misses(backend):
 
 
 @pytest.mark.parametrize("backend", ["numba", "torch"])
-def test_nan_stays_nan(backend):
+def test_nan_is_preserved(backend):
     ranges, seed, step = scans()
     ranges[3, 7] = torch.nan
     noisy = add_range_noise(ranges, seed, step, noise_table("gaussian", 0.025), 3.5, backend)
     assert noisy.isnan().nonzero().tolist() == [[3, 7]]
 
 
-def test_input_is_left_alone():
+def test_input_is_not_modified():
     ranges, seed, step = scans()
     before = ranges.clone()
     add_range_noise(ranges, seed, step, noise_table("gaussian", 0.025), 3.5)

@@ -41,7 +41,7 @@ def test_projection_is_the_nearest_point(seed, backend):
     st.floats(0.0, 1.0),
     backends,
 )
-def test_window_is_kept_and_searched(seed, fraction, ahead, behind, backend):
+def test_search_window_is_respected(seed, fraction, ahead, behind, backend):
     path, generator = random_path(seed)
     total = path_length(path)
     previous = fraction * total
@@ -61,7 +61,7 @@ def test_window_is_kept_and_searched(seed, fraction, ahead, behind, backend):
 
 
 @given(st.integers(0, 10_000), backends)
-def test_progress_never_goes_back(seed, backend):
+def test_progress_never_decreases(seed, backend):
     path, generator = random_path(seed, batch=(20,), num_points=5)
     path = path.float()
     progress = torch.zeros(20)
@@ -121,7 +121,7 @@ def test_does_not_jump_to_the_other_leg_of_a_hairpin(backend, width, dtype):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("bend", [30.0, 60.0, 90.0, 120.0])
-def test_a_cut_corner_is_got_around(backend, bend):
+def test_progress_passes_a_skipped_corner(backend, bend):
     """The robot leaves the first leg 0.5 m before the corner, straight to the second."""
     angle = math.radians(bend)
     end = torch.tensor([1.0 + math.cos(angle), math.sin(angle)])
@@ -151,7 +151,7 @@ def test_large_coordinates_keep_their_digits(backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_integer_paths_give_fractions(backend):
+def test_integer_paths_have_fractional_results(backend):
     """In millimeters."""
     path = torch.tensor([[0, 0], [1000, 333], [2000, 1000]])
     position = torch.tensor([501, 100])
@@ -165,7 +165,7 @@ def test_integer_paths_give_fractions(backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_point_at_walks_the_polyline(backend):
+def test_point_at_follows_the_polyline(backend):
     path = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
     arcs = torch.tensor([-1.0, 0.0, 0.25, 1.0, 2.0, 3.0, 9.0])
     expected = [[0, 0], [0, 0], [0.25, 0], [1, 0], [1, 1], [1, 2], [1, 2]]
@@ -177,7 +177,7 @@ def test_point_at_walks_the_polyline(backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("repeats", [1, 50])
-def test_padding_with_the_goal_changes_nothing(repeats, backend):
+def test_padding_with_the_goal_has_no_effect(repeats, backend):
     path, generator = random_path(7, batch=(16,))
     padded = torch.cat([path, path[:, -1:].expand(-1, repeats, -1)], dim=1)
     position = torch.randn(16, 2, generator=generator, dtype=torch.float64)

@@ -20,7 +20,7 @@ BACKENDS = ["torch", "numba"]
     st.sampled_from(["bin", "beam"]),
     st.sampled_from(BACKENDS),
 )
-def test_equals_a_loop(group_size, num_points, seed, bearing, backend):
+def test_pooling_equals_a_loop(group_size, num_points, seed, bearing, backend):
     beams = group_size * num_points
     ranges = 4.0 * torch.rand(beams, generator=torch.Generator().manual_seed(seed)) + 1e-3
     pooled = min_pool(ranges, group_size, MAX, bearing, backend)
@@ -37,14 +37,14 @@ def test_equals_a_loop(group_size, num_points, seed, bearing, backend):
         assert pooled.returns[index].item() == (nearest < MAX)
 
 
-def test_loses_no_near_obstacle():
+def test_pooling_retains_near_obstacles():
     ranges = MAX * torch.rand(5, 1440).clamp(min=0.01)
     assert (min_pool(ranges).ranges.amin(-1) == ranges.amin(-1)).all()
 
 
 @pytest.mark.parametrize("miss", [math.nan, math.inf, -math.inf, 0.0, -1.0, MAX, MAX + 1e-6, 99.0])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_what_is_no_return_is_the_maximum(miss, backend):
+def test_bin_without_return_is_the_maximum_range(miss, backend):
     pooled = min_pool(torch.full((4,), miss), group_size=2, backend=backend)
     assert (pooled.ranges == MAX).all()
     assert not pooled.returns.any()

@@ -38,7 +38,7 @@ def room(size_x, size_y, thickness=0.1):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_room_has_its_closed_form(backend):
+def test_ranges_in_a_room_equal_the_closed_form(backend):
     pose = torch.tensor([0.3, -0.2, 0.7], dtype=torch.float64)
     ranges = cast_rays(pose, room(1.5, 1.0), num_beams=360, backend=backend)
     angle = torch.arange(360, dtype=torch.float64) * (2 * math.pi / 360) + 0.7
@@ -83,7 +83,7 @@ def test_kernel_equals_slab_tests_for_any_number_of_beams(num_beams):
     assert (numba - slab).abs().gt(1e-4).sum() <= num_beams * 8 // 10_000
 
 
-def test_closed_room_never_leaks():
+def test_every_beam_in_a_closed_room_hits():
     """Also where beams run exactly into corners, and for rooms turned by any angle."""
     generator = torch.Generator().manual_seed(3)
     inside = torch.rand(200, 3, generator=generator, dtype=torch.float64) - 0.5
@@ -103,7 +103,7 @@ def test_closed_room_never_leaks():
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_nearer_box_hides_the_farther_in_any_order(backend):
+def test_nearest_box_is_hit_in_any_order(backend):
     pose = torch.zeros(3, dtype=torch.float64)
     boxes = torch.tensor(
         [[2.0, 0.0, 0.1, 0.5, 0.0], [1.0, 0.0, 0.1, 0.1, 0.0]], dtype=torch.float64

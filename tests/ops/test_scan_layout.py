@@ -125,7 +125,7 @@ def test_bins_without_beams_are_not_seen_and_have_no_return(layout):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("turned_by", [360, 720, 1080, 8, -16, 3])
-def test_a_turned_mount_changes_nothing_in_the_robot_frame(backend, turned_by):
+def test_rotated_mount_keeps_points_in_the_robot_frame(backend, turned_by):
     """A mount turned by whole beams gives the bins of one that is not, to the last bit."""
     ranges = 0.2 + 7.0 * torch.rand(4, 1440, generator=torch.Generator().manual_seed(1))
     yaw = turned_by * 2.0 * math.pi / 1440
@@ -159,7 +159,7 @@ def test_a_wall_ahead_of_a_backward_mount_is_ahead(backend):
 
 @pytest.mark.parametrize("dtype", [torch.int16, torch.int32, torch.int64, torch.uint8])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_integer_ranges_give_fractions(backend, dtype):
+def test_integer_ranges_have_fractional_points(backend, dtype):
     """In millimeters: points of 23 mm are not cut off to whole ones."""
     ranges = torch.full((16,), 23, dtype=dtype)
     pooled = min_pool(ranges, 4, 250.0, backend=backend)

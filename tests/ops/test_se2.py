@@ -29,7 +29,7 @@ def test_compose_is_the_matrix_product(T_a_b, T_b_c):
 
 
 @given(transforms)
-def test_inverse_undoes(T_a_b):
+def test_inverse_composes_to_the_identity(T_a_b):
     identity = se2.compose(T_a_b, se2.inverse(T_a_b))
     torch.testing.assert_close(identity, torch.zeros_like(identity), atol=1e-12, rtol=0)
 
@@ -41,7 +41,7 @@ def test_relative_of_two_poses(T_w_a, T_w_b):
 
 
 @given(transforms)
-def test_transform_points_is_the_matrix(T_a_b):
+def test_transform_points_equals_the_matrix_product(T_a_b):
     points = torch.tensor([[0.3, -2.0], [1.0, 0.0]], dtype=torch.float64)
     homogeneous = torch.cat([points, torch.ones(2, 1, dtype=torch.float64)], dim=-1)
     expected = (matrix(T_a_b) @ homogeneous.T).T[:, :2]
@@ -61,13 +61,13 @@ def test_a_quarter_turn_is_counter_clockwise():
     torch.testing.assert_close(turned, torch.tensor([0.0, 1.0]))
 
 
-def test_wrap_angle_of_the_seam_is_plus_pi():
+def test_wrap_angle_maps_minus_pi_to_pi():
     seam = torch.tensor([math.pi, -math.pi], dtype=torch.float64)
     torch.testing.assert_close(se2.wrap_angle(seam), torch.full_like(seam, math.pi))
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_points_move_alike_row_by_row_and_broadcast(dtype):
+def test_transform_points_broadcasts_over_rows(dtype):
     """The first is a kernel's work, the second torch's; to the last bit."""
     generator = torch.Generator().manual_seed(3)
     motion = torch.rand(7, 3, generator=generator).to(dtype) * 6 - 3

@@ -26,7 +26,7 @@ def random_scans(num_scans: int = 300, num_rays: int = 60, seed: int = 0):
     return polar(ranges, angle), returns, bearing
 
 
-def test_a_return_on_the_ray_stops_one_radius_before_it():
+def test_free_distance_ends_one_radius_before_a_return():
     points = torch.tensor([[1.0, 0.0], [0.0, 2.0], [-0.5, 0.0]])
     returns = torch.tensor([True, True, False])
     for bearing, free in ((0.0, 1.0), (math.pi / 2, 2.0), (math.pi, math.inf), (0.7, math.inf)):
@@ -34,21 +34,21 @@ def test_a_return_on_the_ray_stops_one_radius_before_it():
         assert float(distance) == pytest.approx(free - RADIUS, abs=1e-6)
 
 
-def test_the_whole_way_to_the_free_distance_is_free_and_no_more():
+def test_free_distance_is_exact():
     points, returns, bearing = random_scans()
     free = free_distance(points, returns, bearing, RADIUS)
     is_stopped = free.isfinite()
     assert 0.5 < is_stopped.double().mean() < 1.0
     for share in torch.linspace(0.0, 1.0, 21):
-        centre = polar(share * free.clamp_max(4.0), bearing).unsqueeze(-2)
-        gap = torch.where(returns, (points - centre).norm(dim=-1), math.inf)
+        center = polar(share * free.clamp_max(4.0), bearing).unsqueeze(-2)
+        gap = torch.where(returns, (points - center).norm(dim=-1), math.inf)
         assert (gap >= RADIUS - 1e-9).all()
     beyond = polar(free + 1e-3, bearing).unsqueeze(-2)
     gap = torch.where(returns, (points - beyond).norm(dim=-1), math.inf).amin(-1)
     assert (gap[is_stopped] < RADIUS).all()
 
 
-def test_what_touches_already_stops_only_the_way_into_it():
+def test_touching_obstacle_blocks_only_motion_towards_it():
     points, returns = torch.tensor([[0.1, 0.0]]), torch.tensor([True])
     bearing = torch.tensor([0.0, 1.0, 2.0, math.pi])
     free = free_distance(points.expand(4, 1, 2), returns.expand(4, 1), bearing, RADIUS)
@@ -66,7 +66,7 @@ def test_the_arc_of_one_horizon_ends_at_the_subgoal(distance, bearing):
     torch.testing.assert_close(pose[:2], polar(d, b), atol=1e-6, rtol=0)
 
 
-def test_limits_are_kept_and_slow_down_without_leaving_the_arc():
+def test_limits_scale_the_command_along_the_arc():
     distance = torch.linspace(0.01, 3.0, 40).unsqueeze(-1)
     bearing = torch.linspace(-math.pi, math.pi, 41)
     v, w = steer_to(distance, bearing, 0.4, max_speed=0.7, max_turn_rate=2.0).unbind(-1)
@@ -79,7 +79,7 @@ def test_limits_are_kept_and_slow_down_without_leaving_the_arc():
 
 
 @pytest.mark.parametrize("model", ["kinematic", "wheeled"])
-def test_a_robot_that_follows_reaches_any_subgoal_in_free_space(model):
+def test_repeated_commands_reach_any_free_subgoal(model):
     robot = DifferentialDrive(model=model)
     angles = torch.linspace(-math.pi, math.pi, 25)
     goal = polar(torch.tensor([[0.3], [1.0], [2.5]]), angles).reshape(-1, 2).double()

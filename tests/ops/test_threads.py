@@ -19,7 +19,7 @@ def num_threads():
 
 @pytest.mark.parametrize("rows", [0, 1, MIN_ROWS, 2 * MIN_ROWS, 3 * MIN_ROWS + 1, 1000])
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_every_row_is_worked_on_once(num_threads, rows, threads):
+def test_every_row_is_processed_once(num_threads, rows, threads):
     num_threads(threads)
     visits, workers = np.zeros(rows, dtype=int), set()
 
@@ -32,7 +32,7 @@ def test_every_row_is_worked_on_once(num_threads, rows, threads):
     assert len(workers) <= max(1, min(threads, rows // MIN_ROWS))
 
 
-def test_threads_work_at_the_same_time(num_threads):
+def test_threads_run_concurrently(num_threads):
     num_threads(2)
     meeting, workers = threading.Barrier(2), set()
 
@@ -65,7 +65,7 @@ def _double_in_child(connection):
     connection.send(values.sum())
 
 
-def test_a_forked_child_has_threads_of_its_own(num_threads):
+def test_forked_child_has_its_own_threads(num_threads):
     num_threads(2)
     _double(np.ones(64))  # the parent's threads exist
     ours, theirs = multiprocessing.Pipe()
@@ -76,7 +76,7 @@ def test_a_forked_child_has_threads_of_its_own(num_threads):
     child.join()
 
 
-def test_torch_leaves_its_threads_to_the_kernels(num_threads):
+def test_kernels_use_the_threads_of_torch(num_threads):
     num_threads(2)
     workers = set()
     with torch_on_one_thread(), torch_on_one_thread():
@@ -93,7 +93,7 @@ def test_torch_leaves_its_threads_to_the_kernels(num_threads):
     assert torch.get_num_threads() == 2
 
 
-def test_a_launch_beside_another_runs_in_place(num_threads):
+def test_concurrent_launch_runs_in_the_calling_thread(num_threads):
     """Two Python threads may both launch; who comes second does the work alone."""
     num_threads(2)
     begun, finish, seen = threading.Event(), threading.Event(), []

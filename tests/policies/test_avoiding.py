@@ -51,7 +51,7 @@ def drive(policy, observation):
     return physical_command(policy.robot, action)[0].tolist()
 
 
-def test_commands_survive_their_scaling():
+def test_commands_round_trip_through_scaling():
     robot = DifferentialDrive(min_speed=-0.25, max_speed=0.75, max_turn_rate=2.0)
     command = torch.tensor([[-0.25, 2.0], [0.1, -0.3], [0.75, 0.0]])
     torch.testing.assert_close(physical_command(robot, normalized_action(robot, command)), command)
@@ -63,13 +63,13 @@ def test_commands_survive_their_scaling():
 
 
 @pytest.mark.parametrize("predict", [False, True])
-def test_window_drives_straight_at_full_speed_where_nothing_is(predict):
+def test_window_drives_at_full_speed_in_free_space(predict):
     v, w = drive(DynamicWindow(ROBOT, predict), scan())
     assert (v, w) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-5))
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_window_goes_round_on_the_free_side(side):
+def test_window_passes_obstacles_on_the_free_side(side):
     wall = torch.stack([torch.linspace(0.2, 1.5, 30), torch.full((30,), 0.35 * side)], dim=-1)
     v, w = drive(DynamicWindow(ROBOT), scan(disc(0.9, 0.05 * side), wall))
     assert v > 0
@@ -105,7 +105,7 @@ def test_path_weight_keeps_arcs_near_the_path():
 
 
 @pytest.mark.parametrize(("margin", "passes"), [(0.05, False), (0.0, True)])
-def test_window_margin_decides_which_arcs_are_out(margin, passes):
+def test_window_margin_excludes_arcs(margin, passes):
     """A wall 0.03 m beside the hull."""
     wall = torch.stack([torch.linspace(-0.5, 2.0, 120), torch.full((120,), 0.208)], dim=-1)
     policy = DynamicWindow(ROBOT, margin=margin, clearance_weight=0.0)
@@ -113,7 +113,7 @@ def test_window_margin_decides_which_arcs_are_out(margin, passes):
     assert (w == pytest.approx(0.0, abs=1e-5)) is passes
 
 
-def test_more_room_than_the_clearance_scores_nothing():
+def test_excess_clearance_adds_no_score():
     wall = torch.stack([torch.linspace(-0.5, 2.0, 120), torch.full((120,), 0.6)], dim=-1)
     policy = DynamicWindow(ROBOT, clearance_weight=50.0)
     assert drive(policy, scan(wall)) == pytest.approx([1.0, 0.0], abs=1e-5)
@@ -121,7 +121,7 @@ def test_more_room_than_the_clearance_scores_nothing():
     assert w < -0.1
 
 
-def test_window_does_not_pass_through_what_it_touches_midway():
+def test_window_rejects_arcs_with_a_contact_midway():
     """A post 0.3 m ahead: clear again from the third step on, were it not for the first two."""
     post = torch.tensor([[0.3, 0.0]])
     v, w = drive(DynamicWindow(ROBOT), scan(post))
@@ -146,7 +146,7 @@ def arcs_end_clear(policy, observation, walker, velocity):
     return True
 
 
-def test_only_the_prediction_sees_who_walks_into_the_way():
+def test_only_the_prediction_avoids_crossing_pedestrians():
     """Somebody 0.8 m to the side comes across: where the robot would be in 0.6 s."""
     person, motion = (0.7, 0.8), (0.0, -0.2)
     observation = scan(disc(*person), motion=motion, at=person)
@@ -155,20 +155,20 @@ def test_only_the_prediction_sees_who_walks_into_the_way():
 
 
 @pytest.mark.parametrize("motion", [(0.0, -0.03), (0.0, -0.5)])
-def test_noise_and_mismatches_move_nobody(motion):
+def test_noise_and_mismatches_are_static(motion):
     observation = scan(disc(0.7, 0.8), motion=motion, at=(0.7, 0.8))
     blind, seeing = DynamicWindow(ROBOT), DynamicWindow(ROBOT, True)
     assert drive(seeing, observation.clone()) == drive(blind, observation.clone())
 
 
-def test_a_group_seen_only_now_does_not_move():
+def test_new_group_is_static():
     observation = scan(disc(0.7, 0.8), motion=(0.0, -0.2), at=(0.7, 0.8))
     observation[keys.TAGD_VALID][..., 0] = False
     blind, seeing = DynamicWindow(ROBOT), DynamicWindow(ROBOT, True)
     assert drive(seeing, observation.clone()) == drive(blind, observation.clone())
 
 
-def test_window_is_as_narrow_as_the_wheels_are_slow():
+def test_window_is_limited_by_wheel_acceleration():
     slow = DifferentialDrive(model="wheeled", wheel_acceleration=0.5)
     policy, observation = DynamicWindow(slow), scan()
     v, w = drive(policy, observation)  # from rest
@@ -177,7 +177,7 @@ def test_window_is_as_narrow_as_the_wheels_are_slow():
     assert v == pytest.approx(0.2)
 
 
-def test_window_takes_a_missing_or_forgotten_action_as_rest():
+def test_window_treats_a_missing_action_as_stationary():
     """NaN marks worlds that were reset while others went on."""
     slow = DifferentialDrive(model="wheeled", wheel_acceleration=0.5)
     one = scan()
@@ -202,12 +202,12 @@ def test_window_takes_any_batch_shape():
         ("num_turn_rates", 4),
         ("num_speeds", 1),
         ("margin", -1),
-        ("most_speed", 0.1),
+        ("max_descriptor_speed", 0.1),
         ("horizon_steps", 0),
         ("group_radius", 0.0),
     ],
 )
-def test_window_names_what_cannot_be(name, value):
+def test_window_names_invalid_arguments(name, value):
     with pytest.raises(ValueError, match=f"{name}={value}"):
         DynamicWindow(ROBOT, **{name: value})
 
@@ -215,7 +215,7 @@ def test_window_names_what_cannot_be(name, value):
 # --- stop and go ---------------------------------------------------------------------------------
 
 
-def test_goes_while_nothing_is_in_the_way():
+def test_stop_and_go_drives_on_a_free_arc():
     beside = torch.stack([torch.linspace(-0.5, 1.0, 30), torch.full((30,), 0.21)], dim=-1)
     for things in ([], [beside], [disc(-0.4, 0.0)], [disc(1.0, 0.0)]):
         v, w = drive(StopAndGo(ROBOT), scan(*things))
@@ -223,12 +223,12 @@ def test_goes_while_nothing_is_in_the_way():
 
 
 @pytest.mark.parametrize("place", [(0.5, 0.0), (0.65, 0.0), (0.4, 0.25)])
-def test_stops_for_what_is_ahead(place):
+def test_stop_and_go_stops_for_obstacles_ahead(place):
     v, w = drive(StopAndGo(ROBOT), scan(disc(*place)))
     assert (v, w) == (pytest.approx(0.0, abs=1e-6), pytest.approx(0.0, abs=1e-5))
 
 
-def test_looks_along_the_arc_that_it_drives():
+def test_stop_and_go_checks_the_driven_arc():
     curve = AHEAD @ torch.tensor([[0.8, 0.6], [0.0, 0.0]])  # the pursued point lies to the left
     ahead, on_the_arc = disc(0.5, -0.1, 0.05), disc(0.42, 0.23, 0.05)
     assert drive(StopAndGo(ROBOT), scan(ahead, waypoints=curve))[0] > 0.5
@@ -237,7 +237,7 @@ def test_looks_along_the_arc_that_it_drives():
     assert w > 0  # waits facing the waypoint
 
 
-def test_readings_short_by_two_sigmas_do_not_stop_it():
+def test_stop_and_go_tolerates_two_sigmas_of_noise():
     """Walls 0.02 m beside the hull, as paths keep off them at least, read 0.05 m too near."""
     walls = [
         torch.stack([torch.linspace(0.0, 1.0, 30), torch.full((30,), side * 0.148)], dim=-1)
@@ -247,32 +247,32 @@ def test_readings_short_by_two_sigmas_do_not_stop_it():
     assert drive(StopAndGo(ROBOT, margin=0.0), scan(*walls))[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_range_without_return_stops_nobody():
+def test_beam_without_return_does_not_stop_the_robot():
     observation = scan(disc(0.5, 0.0))
     observation[keys.RETURNS][:] = False
     assert drive(StopAndGo(ROBOT), observation)[0] == pytest.approx(1.0)
 
 
-def test_points_behind_do_not_stop_it():
+def test_stop_and_go_ignores_points_behind():
     behind = torch.tensor([[-0.12, 0.0]])
     assert drive(StopAndGo(ROBOT), scan(behind))[0] == pytest.approx(1.0)
 
 
-def test_a_tight_arc_is_checked_for_a_quarter_of_a_turn():
+def test_tight_arc_is_checked_for_a_quarter_circle():
     """Half a circle of radius 0.08 m would end beside the point."""
     tight = torch.tensor([0.05, 0.15]).expand(5, 2)
     assert drive(StopAndGo(ROBOT), scan(torch.tensor([[0.02, 0.29]]), waypoints=tight))[0] > 0.1
     assert drive(StopAndGo(ROBOT), scan(torch.tensor([[0.15, 0.15]]), waypoints=tight))[0] == 0.0
 
 
-def test_turning_on_the_spot_is_never_blocked():
+def test_turning_in_place_is_never_blocked():
     """The waypoint is behind to the left: full turn rate, whatever is near."""
     back = torch.tensor([-0.3, 0.3]).expand(5, 2)
     v, w = drive(StopAndGo(ROBOT), scan(disc(0.3, 0.0), waypoints=back))
     assert (v, w) == (pytest.approx(0.0, abs=1e-6), pytest.approx(math.pi, rel=1e-5))
 
 
-def test_stop_and_go_names_what_cannot_be():
+def test_stop_and_go_names_invalid_arguments():
     with pytest.raises(ValueError, match=r"margin=-0\.2: must be > -0\.178"):
         StopAndGo(ROBOT, margin=-0.2)
     with pytest.raises(ValueError, match="stop_distance=0"):
@@ -328,7 +328,7 @@ def step_aside(
 
 
 @rvo
-def test_orca_goes_straight_where_nobody_is():
+def test_orca_drives_straight_without_pedestrians():
     for person in ((torch.nan, torch.nan), (0.0, 3.0), (-1.5, 0.0)):
         v, w = step_aside(person)
         assert v == pytest.approx(1.0, abs=1e-3)
@@ -336,7 +336,7 @@ def test_orca_goes_straight_where_nobody_is():
 
 
 @rvo
-def test_orca_takes_all_of_the_avoidance():
+def test_orca_has_full_avoidance_responsibility():
     """Somebody comes head on and keeps coming; the new velocity alone makes the two miss."""
     v, w = step_aside((1.5, -0.05), motion=(-0.16, 0.0))
     angle, speed = 0.2 * w, v / math.cos(0.2 * w)
@@ -357,7 +357,7 @@ def test_orca_starts_from_its_last_command():
 
 @rvo
 @pytest.mark.parametrize("wall_margin", [0.0, 0.03, 0.05])
-def test_orca_keeps_its_margin_off_walls(wall_margin):
+def test_orca_keeps_its_margin_to_walls(wall_margin):
     """Facing a wall 0.06 m off the hull at a flat angle, it uses what the margin leaves of that."""
     nobody, yaw = (torch.nan, torch.nan), -0.3
     wall = (1.0, -(ROBOT.radius + 0.06 + 0.1), 4.0, 0.1, 0.0)
@@ -416,7 +416,7 @@ def test_orca_turns_instead_of_backing_up():
 
 
 @rvo
-def test_orca_knows_the_walls():
+def test_orca_avoids_walls():
     v, _ = step_aside((torch.nan, torch.nan), walls=[(0.45, 0.0, 0.1, 2.0, 0.0)])
     assert 0.2 * v < 0.35 - ROBOT.radius
     free, _ = step_aside((torch.nan, torch.nan), walls=[(0.45, 3.0, 0.1, 2.0, 0.0)])
@@ -433,7 +433,7 @@ def test_orca_reads_world_frames():
 
 
 @rvo
-def test_orca_must_be_prepared_and_names_what_cannot_be():
+def test_orca_requires_preparation_and_valid_arguments():
     observation = scan()
     observation[keys.POSE] = torch.zeros(1, 3)
     observation[keys.PEDESTRIAN_BOXES] = torch.zeros(1, 1, 5)
@@ -445,7 +445,7 @@ def test_orca_must_be_prepared_and_names_what_cannot_be():
             Orca(ROBOT, **{name: value})
 
 
-def test_without_its_library_orca_says_what_to_install(monkeypatch):
+def test_missing_orca_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyrvo", None)
     with pytest.raises(ImportError, match=r"-e '\.\[orca\]"):
         Orca(ROBOT)

@@ -42,7 +42,7 @@ CONFIG = {
                 "temporal": {**STREAM, "in_key": "temporal"},
             },
         },
-        "shapes": {"spatial": [12, 2], "temporal": [6, 4], "waypoint": [5, 2]},
+        "shapes": {"spatial": [12, 2], "temporal": [6, 4], "waypoints_scaled": [5, 2]},
         "hidden": [8],
     },
     "time_step_s": 0.2,
@@ -81,7 +81,7 @@ def edited(folder, edit):
 # --- round trip ----------------------------------------------------------------------------------
 
 
-def test_loaded_actor_acts_as_the_saved_one(folder, actor):
+def test_loaded_actor_equals_the_saved_one(folder, actor):
     torch.manual_seed(1)  # weights come from the file, not from luck
     bundle = load_bundle(folder)
     expected = actor(observation())[keys.ACTION]
@@ -92,7 +92,7 @@ def test_loaded_actor_acts_as_the_saved_one(folder, actor):
     assert (folder / "card.md").read_text() == "# Card\n"
 
 
-def test_builds_its_parts(folder):
+def test_bundle_builds_its_parts(folder):
     bundle = load_bundle(folder)
     assert isinstance(bundle.build("transforms"), Transform)
     lidar, robot = bundle.build("lidar"), bundle.build("robot", max_speed=0.4)
@@ -102,7 +102,7 @@ def test_builds_its_parts(folder):
     assert bundle.build("robot").max_speed == 0.7
 
 
-def test_attention_comes_on_request_and_changes_no_action(folder):
+def test_requested_attention_changes_no_action(folder):
     bundle = load_bundle(folder)
     plain, shown = bundle.actor(observation()), bundle.actor_with_attention()(observation())
     assert not bundle.actor_with_attention().training
@@ -111,7 +111,7 @@ def test_attention_comes_on_request_and_changes_no_action(folder):
     torch.testing.assert_close(shown[keys.SPATIAL_ATTENTION].sum(-1), torch.ones(7))
 
 
-def test_same_bundle_same_bytes(tmp_path, actor):
+def test_equal_bundles_have_equal_bytes(tmp_path, actor):
     for name in ("a", "b"):
         save_bundle(tmp_path / name, config=CONFIG, actor=actor, metrics={"x": 1}, card="c")
     names = {file.name for file in (tmp_path / "a").iterdir()}
@@ -120,13 +120,13 @@ def test_same_bundle_same_bytes(tmp_path, actor):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_replaces_a_bundle_and_leaves_nothing_else(folder, actor):
+def test_save_replaces_a_bundle_completely(folder, actor):
     save_bundle(folder, config=CONFIG, actor=actor, metrics={"success_rate": 0.9}, card="")
     assert load_bundle(folder).metrics == {"success_rate": 0.9}
     assert [path.name for path in folder.parent.iterdir()] == ["policy"]
 
 
-def test_a_bundle_that_cannot_be_written_leaves_the_old_one(folder, actor):
+def test_failed_save_preserves_the_old_bundle(folder, actor):
     parts = {name: node for name, node in CONFIG.items() if name != "robot"}
     for config, message in ((parts, "robot"), ({**CONFIG, "x": object()}, "plain data")):
         with pytest.raises(ValueError, match=message):
@@ -136,7 +136,7 @@ def test_a_bundle_that_cannot_be_written_leaves_the_old_one(folder, actor):
     assert load_bundle(folder).metrics == {"success_rate": 0.5}
 
 
-def test_what_a_config_says_twice_is_written_twice(tmp_path, actor):
+def test_repeated_config_nodes_are_written_without_aliases(tmp_path, actor):
     """As an alias it could not be loaded again."""
     shared = [8, 4]
     config = copy.deepcopy(CONFIG)
@@ -186,7 +186,7 @@ def test_bad_configs_are_explained(folder, text, message):
         load_bundle(folder)
 
 
-def test_weights_of_another_network_are_refused(folder):
+def test_weights_of_another_network_are_rejected(folder):
     file = folder / "weights.safetensors"
     weights = load_file(file)
     save_file({name: value[..., :1].contiguous() for name, value in weights.items()}, file)
@@ -195,7 +195,7 @@ def test_weights_of_another_network_are_refused(folder):
     assert "\n" not in str(error.value)
 
 
-def test_weights_that_lack_a_layer_are_refused(folder):
+def test_weights_without_a_layer_are_rejected(folder):
     file = folder / "weights.safetensors"
     weights = load_file(file)
     weights.pop("module.output.2.bias")
@@ -219,7 +219,7 @@ def test_pickled_weights_are_not_read(folder, actor):
         ("metrics", None, "must contain an object"),
     ],
 )
-def test_what_cannot_be_an_actor_is_explained(folder, part, node, message):
+def test_invalid_actor_is_explained(folder, part, node, message):
     if part == "metrics":
         (folder / "metrics.json").write_text("[1]")
     else:
@@ -261,7 +261,7 @@ def poked(value, dtype=torch.float32):
         (lambda weight: weight.to(torch.complex64), "must be floating point"),
     ],
 )
-def test_non_finite_or_integer_weights_are_refused(folder, change, message):
+def test_non_finite_or_integer_weights_are_rejected(folder, change, message):
     with pytest.raises(BundleError, match=rf"weights\.safetensors: .*{message}"):
         load_bundle(stored(folder, change))
 
@@ -272,14 +272,14 @@ def test_weights_in_another_precision_are_loaded(folder, dtype):
     assert bundle.actor.get_parameter("module.output.0.weight").dtype == torch.float32
 
 
-def test_weights_that_the_actor_lacks_are_refused(folder):
+def test_unexpected_weights_are_rejected(folder):
     file = folder / "weights.safetensors"
     save_file({**load_file(file), "extra": torch.zeros(1, dtype=torch.int8)}, file)
     with pytest.raises(BundleError, match=r'Unexpected key.*"extra"'):
         load_bundle(folder)
 
 
-def test_every_file_is_readable_for_all(folder):
+def test_bundle_files_are_readable_by_all_users(folder):
     assert all(file.stat().st_mode & 0o444 == 0o444 for file in folder.iterdir())
 
 
@@ -302,12 +302,12 @@ def test_non_finite_weights_are_not_saved(folder, actor):
         ({"max_speed": "fast"}, "robot: "),
     ],
 )
-def test_implausible_robot_limits_are_refused(folder, values, message):
+def test_implausible_robot_limits_are_rejected(folder, values, message):
     with pytest.raises(BundleError, match=message):
         load_bundle(edited(folder, lambda config: config["robot"].update(values)))
 
 
-def test_limits_of_a_fast_robot_are_allowed(folder):
+def test_limits_of_a_fast_robot_are_accepted(folder):
     fast = {"min_speed": -10.0, "max_speed": 10.0, "max_turn_rate": 25.0}
     bundle = load_bundle(edited(folder, lambda config: config["robot"].update(fast)))
     assert bundle.build("robot").max_speed == 10.0
@@ -371,7 +371,7 @@ HOSTILE = [
 
 @pytest.mark.parametrize("target", HOSTILE, ids=str)
 @pytest.mark.parametrize("partial", [False, True], ids=["called", "partial"])
-def test_no_hostile_target_is_built(folder, target, partial):
+def test_untrusted_target_is_not_built(folder, target, partial):
     node = {"_target_": target, "_partial_": True} if partial else {"_target_": target}
     before = set(sys.modules)
     with pytest.raises(BundleError, match="_target_"):
@@ -404,7 +404,7 @@ def test_nothing_is_built_before_everything_is_checked(tmp_path, folder, hide):
     assert not mark.exists()
 
 
-def test_a_bundle_in_a_bundle_gets_no_more_rights(tmp_path, folder):
+def test_nested_bundle_has_no_additional_rights(tmp_path, folder):
     mark, inner = tmp_path / "ran", tmp_path / "inner"
     shutil.copytree(folder, inner)
     copying = {"_target_": "shutil.copyfile", "src": str(folder / "card.md"), "dst": str(mark)}
@@ -423,7 +423,7 @@ def test_a_bundle_in_a_bundle_gets_no_more_rights(tmp_path, folder):
     "value", ["${oc.env:HOME}", "${oc.create:{_target_:os.system,command:ls}}", "a ${b} c"]
 )
 @pytest.mark.parametrize("part", ["transforms", "actor", "lidar", "robot"])
-def test_interpolations_are_refused(folder, part, value):
+def test_interpolations_are_rejected(folder, part, value):
     """The evaluator merges a bundle's nodes into its own config, where they would be resolved."""
     with pytest.raises(BundleError, match=rf"{part}\.evil.*interpolation"):
         load_bundle(edited(folder, lambda config: config[part].update(evil=value)))
@@ -463,7 +463,7 @@ def test_a_users_target_is_built_if_allowed(folder, users_package):
         load_bundle(folder, allow=users_package)
 
 
-def test_what_is_allowed_allows_nothing_else(folder, users_package):
+def test_allowed_package_allows_no_other_package(folder, users_package):
     for target in ("os.system", "users_package_2.Doubled", "navrl.policies.load_bundle"):
         edited(folder, lambda config, t=target: config["actor"].update(_target_=t))
         with pytest.raises(BundleError, match=target):

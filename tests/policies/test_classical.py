@@ -33,7 +33,7 @@ def test_drives_straight_at_a_waypoint_ahead():
 
 @pytest.mark.parametrize("robot", [ROBOT, BACKWARDS])
 @pytest.mark.parametrize("x, y", [(0.6, 0.2), (0.5, -0.3), (0.1, 0.5)])
-def test_the_arc_goes_through_the_waypoint(x, y, robot):
+def test_arc_passes_through_the_waypoint(x, y, robot):
     v, w = physical(PurePursuit(robot, waypoint=0), [[x, y]], robot)
     angle = 2 * math.atan2(y, x)  # turned at the waypoint: an arc turns by twice its chord's angle
     radius = float(v / w)
@@ -41,20 +41,20 @@ def test_the_arc_goes_through_the_waypoint(x, y, robot):
     assert end == pytest.approx((x, y), abs=1e-5)
 
 
-def test_slows_down_where_the_turn_rate_ends():
+def test_pursuit_slows_down_at_the_turn_rate_limit():
     v, w = physical(PurePursuit(ROBOT, waypoint=0), [[0.05, 0.2]], ROBOT)
     assert w == pytest.approx(math.pi, rel=1e-5)
     assert v < 0.5
 
 
 @pytest.mark.parametrize("y, side", [(0.1, 1), (-0.1, -1), (0.0, 1)])
-def test_turns_on_the_spot_to_what_is_behind(y, side):
+def test_pursuit_turns_in_place_towards_waypoints_behind(y, side):
     v, w = physical(PurePursuit(ROBOT, waypoint=0), [[-0.5, y]], ROBOT)
     assert v == pytest.approx(0.0, abs=1e-6)
     assert w == pytest.approx(side * math.pi, rel=1e-5)
 
 
-def test_pursues_the_waypoint_it_is_told_for_any_batch_shape():
+def test_pursuit_follows_the_chosen_waypoint_in_any_batch():
     points = torch.zeros(2, 3, 5, 2)
     points[..., 3, :] = torch.tensor([0.4, -0.2])
     commands = physical(PurePursuit(ROBOT, waypoint=3), points.tolist(), ROBOT)
@@ -71,7 +71,7 @@ def test_waypoint_that_does_not_exist_is_named():
 
 
 @pytest.mark.parametrize("robot", [ROBOT, BACKWARDS])
-def test_stands_still_whatever_the_limits(robot):
+def test_stand_still_is_stationary_for_any_limits(robot):
     commands = physical(StandStill(robot), [[[0.6, 0.0]]] * 4, robot)
     torch.testing.assert_close(commands, torch.zeros(4, 2), atol=1e-6, rtol=0)
     with pytest.raises(ValueError, match="min_speed"):
@@ -100,7 +100,7 @@ def test_random_draws_differ_for_each_seed_and_scenario():
     assert draws(1, 2) == draws(1, 2)
 
 
-def test_random_leaves_the_global_generator_alone():
+def test_random_does_not_use_the_global_generator():
     torch.manual_seed(0)
     expected = torch.rand(3)
     torch.manual_seed(0)

@@ -15,7 +15,7 @@ NAMES = sorted(path.stem for path in (CONF_DIR / "controller").glob("*.yaml"))
 TINY = ["num_worlds=1", "num_threads=1", "suite=smoke"]
 
 
-def test_privileged_controllers_are_those_that_read_the_truth():
+def test_controllers_that_read_the_true_state_are_privileged():
     assert {name for name in NAMES if controller_class(name).privileged} == {"oracle", "orca"}
     assert {
         name: controller_class(name).requires for name in NAMES if controller_class(name).requires
@@ -39,7 +39,7 @@ def test_older_summaries_are_privileged_by_name(tmp_path, policy, expected):
     )
 
 
-def test_oracle_refuses_reactive_pedestrians_by_name():
+def test_oracle_rejects_reactive_pedestrians():
     cfg = compose("evaluate", [*TINY, "policy=oracle", "pedestrians._target_=models.Fleeing"])
     with pytest.raises(ValueError, match="pedestrians=Fleeing: must not be reactive, Oracle plans"):
         make_evaluated_policy(cfg)
@@ -50,7 +50,7 @@ def test_oracle_refuses_reactive_pedestrians_by_name():
 
 
 @pytest.mark.parametrize("path", ["../suite/smoke", "/tmp/mine", "controller/dwa", "./dwa"])
-def test_a_path_to_a_node_is_no_policy(path):
+def test_path_to_a_node_is_not_a_policy(path):
     with pytest.raises(ValueError, match=f"policy={path}: no such bundle or controller"):
         controller_node(path)
 

@@ -43,7 +43,7 @@ def built(monkeypatch):
 
 
 @pytest.mark.parametrize("size", [5_000, 10**9])
-def test_a_network_larger_than_its_weights_takes_no_memory(folder, built, size):
+def test_oversized_network_allocates_no_memory(folder, built, size):
     edited(folder, lambda config: config["actor"].update(hidden=[size, size]))
     tracemalloc.start()
     with pytest.raises(BundleError, match=r"hidden|does not fit"):
@@ -91,7 +91,7 @@ def test_a_shield_beyond_its_bounds_is_named(folder, values, message):
         load_bundle(folder)
 
 
-def test_a_pooling_with_all_beams_in_one_of_many_bins_is_refused(folder):
+def test_pooling_with_unbalanced_bins_is_rejected(folder):
     """The table of beams by bin would have 64 million entries."""
     change = {"group_size": None, "num_points": 8_000, "angle_increment": 1e-9}
     lidar = {"num_beams": 8_000, "angle_increment": 1e-9}
@@ -101,7 +101,7 @@ def test_a_pooling_with_all_beams_in_one_of_many_bins_is_refused(folder):
         PolicyRunner.from_bundle(folder)
 
 
-def test_a_config_may_not_be_nested_without_end(folder):
+def test_config_nesting_is_bounded(folder):
     node = {"a": 1}
     for _ in range(100):
         node = {"a": node}
@@ -111,7 +111,7 @@ def test_a_config_may_not_be_nested_without_end(folder):
 
 
 @pytest.mark.parametrize("name", ["BatchedSimulator", "BulletSimulator", "Simulator"])
-def test_a_simulator_is_no_part_of_a_policy(folder, name):
+def test_simulator_in_a_policy_is_rejected(folder, name):
     edited(folder, lambda config: config.update(lidar={"_target_": f"navrl.sim.{name}"}))
     with pytest.raises(BundleError, match="_target_"):
         load_bundle(folder)
@@ -123,7 +123,7 @@ def test_the_shipped_policies_are_far_from_the_bounds():
 
 
 @pytest.mark.parametrize("form", ["absolute", "relative", "inside"])
-def test_a_policy_is_no_path_to_another_config(tmp_path, form):
+def test_policy_cannot_reference_another_config(tmp_path, form):
     mark = tmp_path / "ran"
     node = {"_target_": "pathlib.Path.touch", "_args_": [str(mark)]}
     OmegaConf.save(OmegaConf.create(node), tmp_path / "other.yaml")
@@ -139,7 +139,7 @@ def test_a_policy_is_no_path_to_another_config(tmp_path, form):
     assert not mark.exists()
 
 
-def test_an_interrupted_save_leaves_the_old_bundle(folder, monkeypatch):
+def test_interrupted_save_preserves_the_old_bundle(folder, monkeypatch):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     bundle = load_bundle(folder)
     from navrl.policies import bundle as module

@@ -70,7 +70,7 @@ SCENES = {
 }
 
 
-def test_what_it_solves_it_wins():
+def test_solved_episodes_succeed():
     """The search's arcs and contacts are the simulator's, or it would not get through."""
     records = play(*SCENES.values())
     assert {n: r.outcome for n, r in zip(SCENES, records, strict=True)} == dict.fromkeys(
@@ -79,13 +79,13 @@ def test_what_it_solves_it_wins():
     assert all(record.solved for record in records)
 
 
-def test_the_drive_is_short():
+def test_planned_path_is_short():
     empty, behind, *_ = play(*SCENES.values())
     assert empty.steps == math.ceil((3.1 - 0.2) / 0.2)
     assert behind.steps <= empty.steps + math.ceil(math.pi / (math.pi * 0.2))  # turn, then go
 
 
-def test_says_what_it_cannot_solve():
+def test_unsolvable_episode_is_reported():
     blocked = scene(people=[walker((1.5, 0.0), speed=0.0)], walls=DOOR)
     doomed = scene(people=[walker((0.0, 0.34), (0.0, -1.0), speed=3.0)])
     records = play(scene(walls=SEALED), blocked, doomed, scene())
@@ -94,13 +94,13 @@ def test_says_what_it_cannot_solve():
     assert records[0].path_length_m == 0.0
 
 
-def test_gives_up_and_tries_harder():
+def test_failed_search_is_repeated_with_more_effort():
     hopeless = SearchEffort(0.01, 1.0, 5)
     assert not play(scene(), policy=oracle(efforts=[hopeless]))[0].solved
     assert play(scene(), policy=oracle(efforts=[hopeless, *QUICK]))[0].solved
 
 
-def test_keeps_the_margin_it_is_told():
+def test_plan_respects_the_margin():
     wide, narrow = SearchEffort(0.14, 1.2, 200_000), SearchEffort(0.1, 1.2, 200_000)
     door = scene(walls=DOOR)  # leaves 0.122 m to either side
     assert not play(door, policy=oracle(efforts=[wide]))[0].solved
@@ -114,7 +114,7 @@ def test_the_step_limit_is_part_of_the_plan():
     assert not bool(oracle(time_limit_steps=need - 1).prepare(batch))
 
 
-def test_equal_scenarios_share_a_plan_and_the_batch_does_not_matter():
+def test_equal_scenarios_share_a_plan_in_any_batch():
     scenes = [SCENES["somebody comes"], SCENES["a door"], SCENES["somebody comes"]]
     batch, policy = ScenarioBatch.pack(scenes), oracle()
     policy.prepare(batch)
@@ -125,7 +125,7 @@ def test_equal_scenarios_share_a_plan_and_the_batch_does_not_matter():
     assert torch.equal(together[1], alone[0])
 
 
-def test_refuses_worlds_that_it_has_not_seen():
+def test_unprepared_worlds_are_rejected():
     with pytest.raises(RuntimeError, match="prepare"):
         oracle()(TensorDict({}, [2]))
 

@@ -27,12 +27,12 @@ def test_commands_become_normalized_actions():
     assert policy.in_keys == ["pose"] and not policy.privileged
 
 
-def test_observation_that_is_missing_is_named():
+def test_missing_observation_is_named():
     with pytest.raises(ValueError, match="pose: is read by the model, but must be one of ranges"):
         PredictingPolicy(Model())(TensorDict({"ranges": torch.zeros(1, 4)}, [1]))
 
 
-def test_observation_of_another_shape_is_refused():
+def test_observation_of_another_shape_is_rejected():
     with pytest.raises(ValueError, match=r"pose: must have the shape \[3\] .*, got \[4\]"):
         PredictingPolicy(Model())(TensorDict({"pose": torch.zeros(1, 4)}, [1]))
 
@@ -44,7 +44,7 @@ def test_observation_of_another_shape_is_refused():
         ("action_space", spaces.Discrete(3), r"action_space=Discrete\(3\): must be a Box"),
     ],
 )
-def test_spaces_of_another_kind_are_refused(name, space, message):
+def test_spaces_of_another_kind_are_rejected(name, space, message):
     model = Model()
     setattr(model, name, space)
     with pytest.raises(ValueError, match=message):

@@ -19,7 +19,7 @@ def asked(policy, points):
     return policy(TensorDict({keys.WAYPOINTS: torch.tensor(points)}, []))[keys.ACTION].tolist()
 
 
-def test_names_its_waypoint_in_the_units_of_the_subgoal():
+def test_waypoint_is_returned_as_a_normalized_subgoal():
     policy = WaypointSubgoal(max_distance=1.0, max_bearing=math.pi / 2, waypoint=1)
     assert asked(policy, [[0.0, 0.0], [0.3, 0.3]]) == pytest.approx([0.6 * 2**0.5 - 1, 0.5])
     assert asked(policy, [[0.0, 0.0], [-4.0, -1.0]]) == [1.0, -1.0]
@@ -43,7 +43,7 @@ def cfg():
     return compose("train", ["experiment=subgoal", "num_threads=1", *people])
 
 
-def test_reaches_goals_where_nobody_is(cfg):
+def test_guide_reaches_goals_without_pedestrians(cfg):
     env = factory.make_env(
         factory.make_navigation_env(cfg, 6, privileged=True), instantiate(cfg.transforms)
     )
@@ -53,7 +53,7 @@ def test_reaches_goals_where_nobody_is(cfg):
     assert [record.outcome for record in records] == ["success"] * 6
 
 
-def test_a_bundle_brings_its_subgoals_along(cfg, tmp_path):
+def test_bundle_contains_its_subgoal_action(cfg, tmp_path):
     env = factory.make_env(factory.make_navigation_env(cfg, 2), instantiate(cfg.transforms))
     shapes = factory.observation_shapes(env)
     actor, _ = factory.make_agent(cfg, shapes)

@@ -18,7 +18,7 @@ def test_the_default_policy_is_shipped():
 
 
 @pytest.mark.parametrize("name", zoo_names())
-def test_is_small_and_says_where_it_comes_from(name):
+def test_bundle_is_small_and_has_provenance(name):
     assert sum(file.stat().st_size for file in (ZOO / name).iterdir()) < LIMIT_BYTES
     card = (ZOO / name / "card.md").read_text()
     assert "navrl-train " in card and "commit " in card and "table1" in card
@@ -31,7 +31,7 @@ def test_the_papers_policy_has_the_papers_architecture():
 
 
 @pytest.mark.parametrize("name", zoo_names())
-def test_drives_far_better_than_pure_pursuit(name, tmp_path):
+def test_paper_policy_outperforms_pure_pursuit(name, tmp_path):
     changes = [f"policy={name}", "suite.num_episodes=24", "num_worlds=24", "progress_bar=false"]
     summary = jobs.run_evaluation(compose("evaluate", changes), tmp_path)
     assert summary["success_rate"] >= 0.5  # pure pursuit stays below 0.05 on this suite

@@ -36,7 +36,7 @@ def pack(*scenes, **limits):
 
 
 def random_scene(generator: np.random.Generator, num_walls=12, num_walkers=4):
-    """Boxes and walkers all around, none within half a metre of the start."""
+    """Boxes and walkers all around, none within half a meter of the start."""
     boxes = []
     while len(boxes) < num_walls:
         x, y, hx, hy, yaw = generator.uniform([-5, -5, 0.05, 0.05, -4], [5, 5, 0.9, 0.3, 4])

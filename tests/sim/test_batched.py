@@ -48,7 +48,7 @@ def random_commands(num_worlds, steps, seed=0):
 
 
 @pytest.mark.parametrize("model", ["kinematic", "wheeled"])
-def test_robots_move_as_the_drive_says(model):
+def test_robots_move_by_the_drive_model(model):
     robot = DifferentialDrive(model=model)
     starts = [(0.1 * i, -0.2 * i, 0.9 * i) for i in range(8)]
     sim = placed(*(scene(start=start) for start in starts), robot=robot)
@@ -62,7 +62,7 @@ def test_robots_move_as_the_drive_says(model):
     assert state.time_s.tolist() == pytest.approx([2.4] * 8)
 
 
-def test_wheels_take_half_a_second_to_full_speed():
+def test_wheels_reach_full_speed_in_half_a_second():
     sim = placed(scene(), robot=DifferentialDrive(model="wheeled", wheel_acceleration=2.0))
     speeds = [drive(sim, 1.0, 0.0).velocity[0, 0].item() for _ in range(4)]
     assert speeds == pytest.approx([0.4, 0.8, 1.0, 1.0])
@@ -100,7 +100,7 @@ def test_pedestrians_walk_their_routes():
 # --- contacts by hand ----------------------------------------------------------------------------
 
 
-def test_head_on_into_a_wall():
+def test_head_on_contact_with_a_wall():
     """The wall's face is at 0.5: the disc gets there after 0.322 s, found at the next 0.02 s."""
     sim = placed(scene(boxes=[(0.6, 0.0, 0.1, 2.0, 0.0)]))
     assert drive(sim, 1.0, 0.0).contact[0] == Contact.NONE
@@ -110,14 +110,14 @@ def test_head_on_into_a_wall():
     assert state.time_s[0] == pytest.approx(0.34)
 
 
-def test_a_hair_s_breadth_from_a_wall_is_no_contact():
+def test_tiny_gap_to_a_wall_is_no_contact():
     for gap, contact in ((1e-6, Contact.NONE), (-1e-6, Contact.STATIC)):
         sim = placed(scene(boxes=[(0.0, RADIUS + gap + 0.1, 5.0, 0.1, 0.0)]))
         assert drive(sim, 0.5, 0.0).contact[0] == contact
 
 
 @pytest.mark.parametrize(("shift", "contact"), [(1e-4, Contact.NONE), (-1e-4, Contact.STATIC)])
-def test_corner_graze(shift, contact):
+def test_contact_at_a_box_corner_is_exact(shift, contact):
     """The robot is a disc: past a flank at its radius, and no bounding square at a corner."""
     flank = (0.7, RADIUS + shift + 0.2, 0.2, 0.2, 0.0)
     assert drive(placed(scene(boxes=[flank])), 1.0, 0.0, steps=6).contact[0] == contact
@@ -126,7 +126,7 @@ def test_corner_graze(shift, contact):
     assert drive(placed(scene(boxes=[corner])), 0.0, 1.0).contact[0] == contact
 
 
-def test_box_turned_by_any_angle():
+def test_contact_with_a_rotated_box_is_exact():
     """Driving at the corner of a square that stands on its tip."""
     half = 0.3
     sim = placed(scene(boxes=[(1.0, 0.0, half, half, math.pi / 4)]))
@@ -136,17 +136,17 @@ def test_box_turned_by_any_angle():
     assert state.pose[0, 0] == pytest.approx(math.ceil(reach / 0.02) * 0.02, abs=1e-6)
 
 
-def test_driving_into_somebody_who_stands():
+def test_robot_moves_into_a_stationary_pedestrian():
     sim = placed(scene(pedestrians=[stander(0.6, 0.0)]))
     state = drive(sim, 1.0, 0.0, steps=3)
     assert state.contact[0] == Contact.PEDESTRIAN
     assert state.pose[0, 0] == pytest.approx(0.28, abs=1e-6)  # 0.6 - 0.15 - 0.178 = 0.272
 
 
-def test_somebody_walks_into_a_standing_robot():
+def test_pedestrian_moves_into_a_stationary_robot():
     sim = placed(scene(pedestrians=[walker((1.0, 0.0), (-1.0, 0.0), speed=1.0)]))
     state = drive(sim, 0.0, 0.0, steps=5)
-    assert state.contact[0] == Contact.RUN_INTO
+    assert state.contact[0] == Contact.HIT_BY_PEDESTRIAN
     assert state.time_s[0] == pytest.approx(0.68)  # 1.0 - 0.15 - 0.178 = 0.672
     assert state.pedestrians[0, 0, 0] == pytest.approx(0.32, abs=1e-6)
 
@@ -155,39 +155,39 @@ def test_somebody_walks_into_a_standing_robot():
     ("yaw", "v", "contact"),
     [
         (0.0, 0.5, Contact.PEDESTRIAN),  # towards one another
-        (0.0, 0.04, Contact.RUN_INTO),  # hardly moving
-        (math.pi, 0.5, Contact.RUN_INTO),  # overtaken from behind
+        (0.0, 0.04, Contact.HIT_BY_PEDESTRIAN),  # hardly moving
+        (math.pi, 0.5, Contact.HIT_BY_PEDESTRIAN),  # overtaken from behind
         (math.pi / 2 - 0.3, 0.3, Contact.PEDESTRIAN),
-        (math.pi / 2 + 0.3, 0.3, Contact.RUN_INTO),
+        (math.pi / 2 + 0.3, 0.3, Contact.HIT_BY_PEDESTRIAN),
     ],
 )
-def test_who_is_to_blame(yaw, v, contact):
+def test_at_fault_party_of_contacts(yaw, v, contact):
     """Somebody comes along x at 1 m/s; the robot drives at v in direction yaw."""
     person = walker((0.7, 0.0), (-3.0, 0.0), half_size=(0.15, 1.0))
     sim = placed(scene(start=(0.0, 0.0, yaw), pedestrians=[person]))
     assert drive(sim, v, 0.0, steps=8).contact[0] == contact
 
 
-def test_a_robot_that_backs_up_is_to_blame_behind():
+def test_reversing_robot_is_at_fault_behind():
     robot = DifferentialDrive(min_speed=-1.0)
     sim = placed(scene(pedestrians=[stander(-0.6, 0.0)]), robot=robot)
     assert drive(sim, -1.0, 0.0, steps=3).contact[0] == Contact.PEDESTRIAN
 
 
-@pytest.mark.parametrize(("x", "contact"), [(0.2, Contact.RUN_INTO), (0.25, Contact.NONE)])
-def test_contact_between_steps(x, contact):
+@pytest.mark.parametrize(("x", "contact"), [(0.2, Contact.HIT_BY_PEDESTRIAN), (0.25, Contact.NONE)])
+def test_contact_between_steps_is_detected(x, contact):
     """Somebody thin crosses ahead within 0.2 s: at neither end of the step does anything touch."""
     person = walker((x, -0.4), (x, 5.0), speed=4.0, half_size=(0.05, 0.05))
     world = scene(pedestrians=[person])
     for time_s in (0.0, 0.2):
-        centre = pedestrian_boxes(pack(world), torch.tensor([time_s]))[0, 0, :2]
-        assert centre.norm() - 0.05 * math.sqrt(2) - RADIUS > 0.15
+        center = pedestrian_boxes(pack(world), torch.tensor([time_s]))[0, 0, :2]
+        assert center.norm() - 0.05 * math.sqrt(2) - RADIUS > 0.15
     state = drive(placed(world), 0.0, 0.0)
     assert state.contact[0] == contact
     assert (state.time_s[0] < 0.15) == (contact != Contact.NONE)
 
 
-def test_wall_wins_over_pedestrian_and_guilt_over_innocence():
+def test_contact_priority_of_walls_and_fault():
     wall = (0.5, 0.5, 0.1, 0.3, 0.0)
     ahead, behind = stander(0.45, 0.0), walker((-0.47, 0.0), (3.0, 0.0), speed=1.0)
     for boxes, people, contact in [
@@ -234,7 +234,7 @@ def test_contacts_equal_a_fine_search():
     assert len(state.contact.unique()) == 4
 
 
-def test_a_world_in_contact_stands_still_until_reset():
+def test_world_in_contact_is_frozen_until_reset():
     hit = scene(boxes=[(0.4, 0.0, 0.1, 1.0, 0.0)], pedestrians=[walker((2.0, 0.0), (2.0, 9.0))])
     sim = placed(hit, scene(pedestrians=[walker((2.0, 0.0), (2.0, 9.0))]))
     first, ranges = drive(sim, 0.7, 0.0), sim.ranges()
@@ -258,7 +258,7 @@ def test_a_world_in_contact_stands_still_until_reset():
 # --- sight ---------------------------------------------------------------------------------------
 
 
-def test_ranges_are_those_of_cast_rays():
+def test_ranges_equal_ray_casting():
     """Walls and present pedestrians, from the mount, wherever the robots went."""
     scenes = random_worlds(24, seed=5)
     mount = (0.08, -0.03, 0.4)
@@ -286,7 +286,7 @@ def test_ranges_are_those_of_cast_rays():
     assert (ranges < nobody - 1e-3).any(-1).sum() > 12  # people are seen
 
 
-def test_the_robot_s_start_is_seen_before_the_first_step():
+def test_first_scan_is_from_the_start_pose():
     sim = placed(scene(boxes=[(1.0, 0.0, 0.1, 0.1, 0.0)], pedestrians=[stander(0.0, 2.0)]))
     ranges = sim.ranges()[0]
     assert ranges[0] == pytest.approx(0.9)
@@ -294,7 +294,7 @@ def test_the_robot_s_start_is_seen_before_the_first_step():
     assert ranges[720] == 3.5
 
 
-def test_the_same_episode_has_the_same_noise_anywhere():
+def test_noise_of_an_episode_does_not_depend_on_its_row():
     scenes = random_worlds(6)
     one, many = placed(scenes[4]), placed(*scenes)
     lidar, seeds = Lidar(), torch.arange(6) * 7
@@ -342,7 +342,7 @@ def test_a_reset_puts_each_scenario_into_its_world():
     assert sim.state().pose[[3, 1], 0].tolist() == pytest.approx([0.1, 0.2])
 
 
-def test_an_episode_does_not_depend_on_its_neighbours_or_threads():
+def test_episode_does_not_depend_on_batch_or_threads():
     scenes = random_worlds(12)
     threads = torch.get_num_threads()
     alone, many = placed(scenes[5]), placed(*scenes)
@@ -373,7 +373,7 @@ def test_outputs_are_never_views():
 
 
 @pytest.mark.parametrize("model", ["kinematic", "wheeled"])
-def test_a_resumed_simulator_goes_on_bit_for_bit(model):
+def test_restored_simulator_continues_bit_for_bit(model):
     scenes, robot = random_worlds(10), DifferentialDrive(model=model)
     sim = placed(*scenes, robot=robot)
     commands = random_commands(10, steps=12)
@@ -406,7 +406,7 @@ def test_bad_commands_are_named():
     assert sim.state().time_s.sum() == 0
 
 
-def test_nothing_moves_before_every_world_is_reset():
+def test_step_before_a_full_reset_is_rejected():
     sim = simulator(2)
     sim.reset(torch.tensor([0]), pack(scene()))
     with pytest.raises(RuntimeError, match="reset"):
@@ -448,7 +448,7 @@ def test_bad_scenarios_are_named():
         simulator(2).load_state_dict(placed(scene()).state_dict())
 
 
-def test_absent_pedestrians_make_room_for_present_ones():
+def test_present_pedestrians_are_compacted():
     """A batch with more rows than the simulator holds fits if few of them are present."""
     people = [stander(1.0, 0.0), stander(2.0, 0.0), stander(3.0, 0.0), stander(0.0, 1.0)]
     batch = pack(scene(pedestrians=people))

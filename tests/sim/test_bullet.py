@@ -44,7 +44,7 @@ def drive(simulator, v, w, steps=1):
 # --- sight ---------------------------------------------------------------------------------------
 
 
-def test_closed_forms(place):
+def test_ranges_equal_closed_forms(place):
     """A wall 1.9 m ahead reads 1.9 / cos(angle), up to its ends; all else reads the maximum."""
     lidar = Lidar(noise="none")
     ranges = place(scene([WALL_AHEAD]), lidar=lidar).ranges()[0].double()
@@ -55,7 +55,7 @@ def test_closed_forms(place):
     assert int((ranges == 3.5).sum()) == int((wanted == 3.5).sum())
 
 
-def test_pedestrians_are_seen_where_they_walk(place):
+def test_scan_shows_moving_pedestrians(place):
     simulator = place(scene(pedestrians=[walker((1.0, 0.0), (3.0, 0.0), speed=0.5)]))
     assert simulator.ranges()[0, 0].item() == pytest.approx(0.85, abs=1e-6)
     drive(simulator, 0.0, 0.0, steps=5)
@@ -92,10 +92,10 @@ def test_a_lidar_inside_of_a_box_reads_zero(place):
     simulator = place(scene([thick]), scene(pedestrians=[stander(0.0, 0.0)]), scene())
     assert simulator.ranges().amax(1).tolist() == [0.0, 0.0, 3.5]
     contact = drive(simulator, 0.0, 0.0).contact
-    assert contact.tolist() == [Contact.STATIC, Contact.RUN_INTO, Contact.NONE]
+    assert contact.tolist() == [Contact.STATIC, Contact.HIT_BY_PEDESTRIAN, Contact.NONE]
 
 
-def test_more_beams_than_one_request_takes(place):
+def test_scans_with_many_beams_use_several_requests(place):
     lidar = Lidar(num_beams=20_000, noise="none")
     ranges = place(scene([WALL_AHEAD]), lidar=lidar).ranges()
     assert ranges.shape == (1, 20_000)
@@ -123,7 +123,7 @@ def test_contact_distance_is_exact(place, gap, contact, yaw):
     assert drive(simulator, 0.0, 0.0).contact.tolist() == [contact, contact]
 
 
-def test_contact_classes_and_freeze(place):
+def test_contacts_are_classified_and_freeze_the_world(place):
     ahead, behind = stander(0.45, 0.0), walker((-0.6, 0.0), (3.0, 0.0), speed=1.0)
     simulator = place(
         scene(pedestrians=[ahead]), scene(pedestrians=[behind]), scene([(0.5, 0.0, 0.1, 1.0, 0.0)])
@@ -131,7 +131,7 @@ def test_contact_classes_and_freeze(place):
     command = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.5, 0.0]])
     for _ in range(4):
         state = simulator.step(command)
-    assert state.contact.tolist() == [Contact.PEDESTRIAN, Contact.RUN_INTO, Contact.STATIC]
+    assert state.contact.tolist() == [Contact.PEDESTRIAN, Contact.HIT_BY_PEDESTRIAN, Contact.STATIC]
     # 0.45 - 0.15 - 0.178 = 0.122 m away: reached at the 7th substep of 0.02 m
     assert state.time_s.tolist() == pytest.approx([0.14, 0.28, 0.46])
     assert state.pose[0].tolist() == pytest.approx([0.14, 0.0, 0.0])
@@ -153,7 +153,7 @@ def assert_same(a, b):
         assert torch.equal(value.nan_to_num(9.0), getattr(b, name).nan_to_num(9.0)), name
 
 
-def test_a_resumed_simulator_goes_on_bit_for_bit(place):
+def test_restored_simulator_continues_bit_for_bit(place):
     scenes = [sample("corridor", 0), sample("clutter", 1), sample("office", 2)]
     robot = DifferentialDrive(model="wheeled")
     simulator, other = place(*scenes, robot=robot), place(*reversed(scenes), robot=robot)
@@ -169,7 +169,7 @@ def test_a_resumed_simulator_goes_on_bit_for_bit(place):
         assert torch.equal(simulator.ranges(), other.ranges())
 
 
-def test_state_is_taken_before_the_first_reset(place):
+def test_state_is_loaded_before_the_first_reset(place):
     fresh = BulletSimulator(1, DifferentialDrive(), Lidar())
     used = place(scene())
     used.load_state_dict(fresh.state_dict())
@@ -177,7 +177,7 @@ def test_state_is_taken_before_the_first_reset(place):
         used.step(torch.zeros(1, 2))
 
 
-def test_states_of_other_simulators_are_refused(place):
+def test_state_of_another_simulator_is_rejected(place):
     one, two = place(scene()), place(scene(), scene())
     with pytest.raises(ValueError, match="pose"):
         one.load_state_dict(two.state_dict())
@@ -185,7 +185,7 @@ def test_states_of_other_simulators_are_refused(place):
         one.load_state_dict(place(scene(), max_pedestrians=3).state_dict())
 
 
-def test_a_partial_reset_leaves_other_worlds_alone(place):
+def test_partial_reset_leaves_other_worlds_unchanged(place):
     simulator, alone = place(sample("corridor", 5), scene()), place(sample("corridor", 5))
     generator = torch.Generator().manual_seed(4)
     for index in range(12):
@@ -217,7 +217,7 @@ def memory_mb():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_resets_do_not_grow(place, monkeypatch):
+def test_repeated_resets_do_not_leak_memory(place, monkeypatch):
     """PyBullet leaks with every body removed: 300 resets would take 70 MB without fresh starts."""
     monkeypatch.setattr("navrl.sim.bullet.MAX_REMOVED_BODIES", 1000)
     simulator = place(sample("clutter", 0), sample("corridor", 1))
@@ -236,7 +236,7 @@ def test_resets_do_not_grow(place, monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_worlds_and_closed_simulators_cost_little():
+def test_worlds_and_closed_simulators_use_little_memory():
     before = memory_mb()
     for _ in range(10):
         with BulletSimulator(32, DifferentialDrive(), Lidar()) as simulator:
@@ -244,7 +244,7 @@ def test_worlds_and_closed_simulators_cost_little():
     assert memory_mb() - before < 150.0
 
 
-def test_closed_is_closed(place):
+def test_closed_simulator_raises(place):
     simulator = place(scene())
     simulator.close()
     simulator.close()
@@ -253,7 +253,7 @@ def test_closed_is_closed(place):
             use()
 
 
-def test_the_interpreter_ends_quietly_with_an_open_simulator():
+def test_interpreter_exits_cleanly_with_an_open_simulator():
     code = (
         "from navrl.sim import BulletSimulator, DifferentialDrive, Lidar;"
         "simulator = BulletSimulator(1, DifferentialDrive(), Lidar())"
@@ -307,13 +307,13 @@ def test_a_window_needs_a_display(monkeypatch):
             BulletSimulator(1, DifferentialDrive(), Lidar(), gui=True)
 
 
-def test_a_missing_pybullet_is_said_so():
+def test_missing_pybullet_is_named():
     code = "import sys; sys.modules['pybullet'] = None; from navrl.sim import BulletSimulator"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "pip install pybullet" in result.stderr.splitlines()[-1]
 
 
-def test_nothing_moves_before_every_world_is_reset():
+def test_step_before_a_full_reset_is_rejected():
     with BulletSimulator(2, DifferentialDrive(), Lidar()) as simulator:
         simulator.reset(torch.tensor([1]), pack(scene()))
         for use in (simulator.ranges, lambda: drive(simulator, 0.0, 0.0)):
@@ -332,12 +332,12 @@ def test_bad_input_is_named(place):
         simulator.reset(torch.tensor([0]), pack(scene([(1.0, 0.0, -0.1, 1.0, 0.0)])))
 
 
-def test_a_world_that_rests_stays_as_it_is(place):
+def test_skipped_world_is_frozen(place):
     walk = walker((1.0, 0.0), (3.0, 0.0), speed=0.5)
     simulator = place(scene(pedestrians=[walk]), scene(pedestrians=[walk]))
     drive(simulator, 0.2, 0.0)
     rested, before = simulator.state(), simulator.ranges()
-    simulator.rest(torch.tensor([True, False]))
+    simulator.skip(torch.tensor([True, False]))
     drive(simulator, 0.2, 0.0, steps=3)
     after = simulator.state()
     for then, now in (

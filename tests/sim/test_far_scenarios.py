@@ -20,7 +20,7 @@ def simulator(request):
 @pytest.mark.parametrize(
     "start", [(10_001, 0, 0), (0, -10_001, 0), (5e5, 5.6e6, 0), (np.nan, 0, 0)]
 )
-def test_start_beyond_ten_kilometers_is_refused(simulator, start):
+def test_start_beyond_ten_kilometers_is_rejected(simulator, start):
     with pytest.raises(ValueError, match=r"scenarios\.start: must be finite and within 10000 m"):
         simulator.reset(torch.arange(1), pack(scene(start=start)))
 

@@ -59,7 +59,7 @@ def test_velocity_is_that_of_the_substep_of_contact(simulator):
     assert state.velocity[0].tolist() == pytest.approx([1.0, 0.0, 0.0])
 
 
-def test_command_of_a_wrong_size_is_refused():
+def test_command_of_a_wrong_size_is_rejected():
     sim = make(BatchedSimulator, scene(), Omnidirectional())
     with pytest.raises(ValueError, match=r"command: must be \[1, 3\], got \[1, 2\]"):
         sim.step(torch.zeros(1, 2))
@@ -95,7 +95,7 @@ def test_a_drive_through_the_interface_equals_the_compiled_one():
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
-def test_reactive_pedestrian_walks_where_its_model_says(simulator):
+def test_reactive_pedestrian_walks_to_its_targets(simulator):
     sim = make(simulator, scene(pedestrians=[stander(1.0, 0.0)]), pedestrians=Fleeing(speed=0.5))
     first, second = drive(sim, (0.0, 0.0), (0.0, 0.0))
     assert first.pedestrians[0, 0].tolist() == pytest.approx([1.1, 0.0, 0.15, 0.15, 0.0])
@@ -113,7 +113,7 @@ def test_reset_returns_reactive_pedestrians_to_their_start(simulator):
 
 
 @pytest.mark.parametrize("bad", [torch.zeros(1, 10, 3), torch.full((1, 10, 2), math.inf)])
-def test_bad_targets_are_refused(bad):
+def test_bad_targets_are_rejected(bad):
     model = Fleeing()
     model.targets = lambda *_: bad
     sim = make(BatchedSimulator, scene(pedestrians=[stander(1.0, 0.0)]), pedestrians=model)
@@ -121,7 +121,7 @@ def test_bad_targets_are_refused(bad):
         drive(sim, (0.0, 0.0))
 
 
-def test_a_model_that_answers_nan_leaves_the_routes():
+def test_nan_targets_keep_pedestrians_on_their_routes():
     class Scripted(Fleeing):
         def targets(self, state, duration_s):
             return torch.full_like(state.pedestrians[..., :2], torch.nan)
@@ -150,7 +150,7 @@ def test_first_command_takes_effect_after_its_delay(simulator, delay, travelled)
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
-def test_axes_are_delayed_apart(simulator):
+def test_axes_are_delayed_separately(simulator):
     sim = make(simulator, scene(), delays=Delays(turn_rate_delay_s=0.2))
     first, second = drive(sim, (0.5, 1.0), (0.5, 1.0))
     assert first.pose[0].tolist() == pytest.approx([0.1, 0.0, 0.0], abs=1e-6)
@@ -173,7 +173,7 @@ def test_scan_shows_the_past_of_robot_and_pedestrians(simulator, age):
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
-def test_reset_forgets_commands_and_scans(simulator):
+def test_reset_clears_commands_and_scans(simulator):
     delays = Delays(scan_age_s=0.4, speed_delay_s=0.4, turn_rate_delay_s=0.4)
     sim = make(simulator, scene([WALL]), delays=delays)
     drive(sim, *[(1.0, 1.0)] * 4)
@@ -198,12 +198,12 @@ def test_state_of_delays_is_restored(simulator):
 @pytest.mark.parametrize(
     "key, value", [("scan_age_s", -0.1), ("speed_delay_s", math.inf), ("scan_age_s", math.nan)]
 )
-def test_impossible_delay_is_refused(key, value):
+def test_invalid_delay_is_rejected(key, value):
     with pytest.raises(ValueError, match=f"{key}={value}: must be finite and >= 0 s"):
         Delays(**{key: value})
 
 
-def test_delay_between_substeps_is_refused():
+def test_delay_between_substeps_is_rejected():
     with pytest.raises(ValueError, match=r"scan_age_s=0.05: must be a multiple of the substep"):
         make(BatchedSimulator, scene(), delays=Delays(scan_age_s=0.05))
 

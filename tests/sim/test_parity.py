@@ -126,12 +126,12 @@ def check_variety(tally):
     """The episodes must have been worth comparing."""
     assert tally.contacts[Contact.STATIC] >= tally.episodes / 10
     assert tally.contacts[Contact.PEDESTRIAN] >= tally.episodes / 20
-    assert tally.contacts[Contact.RUN_INTO] >= tally.episodes / 20
+    assert tally.contacts[Contact.HIT_BY_PEDESTRIAN] >= tally.episodes / 20
     assert tally.differing <= 5e-4 * tally.beams
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_same_episodes(model):
+def test_simulators_agree_on_episodes(model):
     scenarios = [sample(kind, index) for kind in KINDS for index in range(8)]
     tally = play_on_both(scenarios, DifferentialDrive(model=model), max_steps=25)
     check_variety(tally)
@@ -139,7 +139,7 @@ def test_same_episodes(model):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_same_hundreds_of_episodes(kind):
+def test_simulators_agree_on_hundreds_of_episodes(kind):
     scenarios = [sample(kind, index) for index in range(75)]
     for model in MODELS:
         tally = play_on_both(scenarios, DifferentialDrive(model=model), max_steps=80)
@@ -147,7 +147,7 @@ def test_same_hundreds_of_episodes(kind):
         assert tally.differing <= 5e-4 * tally.beams
 
 
-def test_same_with_another_robot_and_lidar():
+def test_simulators_agree_with_another_robot_and_lidar():
     """A backing robot, a turned lidar outside of its hull and above the usual walls, few beams."""
     robot = DifferentialDrive(radius=0.3, min_speed=-0.5, max_speed=1.5, model="wheeled")
     lidar = Lidar(num_beams=181, max_range=6.0, mount=(0.35, -0.1, 2.0), height=1.5, noise="none")
@@ -175,7 +175,7 @@ def test_same_with_another_robot_and_lidar():
         "delays and pedestrians",
     ],
 )
-def test_same_with_other_models(options):
+def test_simulators_agree_with_other_models(options):
     scenarios = [sample(kind, 40 + index) for kind in KINDS for index in range(4)]
     tally = play_on_both(scenarios, max_steps=25, **options)
     assert sum(tally.contacts[1:]) > 2

@@ -30,7 +30,7 @@ def test_kinematic_drives_a_circle(advance):
 
 @pytest.mark.parametrize("advance", ADVANCES)
 @pytest.mark.parametrize("w", [0.0, 1e-9, 1e-5, -1e-4, 2e-4])
-def test_nearly_straight_is_as_exact(advance, w):
+def test_nearly_straight_arc_is_exact(advance, w):
     robot, pose, velocity = DifferentialDrive(), (1.0, 2.0, 0.5), (0.0, 0.0)
     end, _ = advance(robot, pose, velocity, (1.0, w), 1.0)
     # the arc by its series, good to w^3
@@ -57,7 +57,7 @@ def test_half_a_turn_is_pi_not_minus_pi(advance, yaw):
 
 @pytest.mark.parametrize("advance", ADVANCES)
 @pytest.mark.parametrize("w", [20.0, -20.0])
-def test_several_turns_end_on_the_circle(advance, w):
+def test_several_revolutions_end_on_the_circle(advance, w):
     """Three turns and a bit of radius v / w; the yaw loses whole turns."""
     robot = DifferentialDrive(max_turn_rate=30.0)
     end, _ = advance(robot, (0.0, 0.0, 0.0), (0.0, 0.0), (1.0, w), 1.0)
@@ -75,7 +75,7 @@ def test_commands_are_clipped(advance):
 
 
 @pytest.mark.parametrize("advance", ADVANCES)
-def test_wheels_take_time(advance):
+def test_wheels_have_limited_acceleration(advance):
     """From rest to (0.5, 2) at 1 m/s^2: the right wheel wants 0.73 m/s, the left 0.27 m/s."""
     robot = DifferentialDrive(model="wheeled", wheel_acceleration=1.0)
     velocity = (0.0, 0.0)
@@ -89,7 +89,7 @@ def test_wheels_take_time(advance):
 
 
 @pytest.mark.parametrize("model", ["kinematic", "wheeled"])
-def test_one_robot_and_a_batch_drive_alike(model):
+def test_single_and_batched_robots_move_equally(model):
     robot = DifferentialDrive(model=model)
     generator = torch.Generator().manual_seed(0)
     pose = torch.randn(32, 3, generator=generator, dtype=torch.float64)

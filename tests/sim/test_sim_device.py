@@ -16,18 +16,18 @@ def simulator(device="cpu", num_worlds=2):
 
 
 @pytest.mark.parametrize("device", ["gpu", "cuda:", "cuda:x", "meta", "mps", ""])
-def test_other_devices_are_refused_with_what_is_allowed(device):
+def test_unsupported_device_error_lists_allowed_devices(device):
     with pytest.raises(ValueError, match=f"device='{device}': must be cpu or cuda"):
         find_device(device)
 
 
-def test_what_is_missing_is_named(monkeypatch):
+def test_missing_gpu_package_is_named(monkeypatch):
     monkeypatch.setattr(backend, "missing_for_cuda", lambda: "a driver")
     with pytest.raises(ValueError, match="device='cuda': needs a driver; device='cpu' works"):
         simulator("cuda")
 
 
-def test_another_cuda_device_than_the_current_is_refused(monkeypatch):
+def test_non_current_cuda_device_is_rejected(monkeypatch):
     monkeypatch.setattr(backend, "missing_for_cuda", lambda: None)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
     assert find_device("cuda") == find_device("cuda:1") == torch.device("cuda:1")
@@ -40,7 +40,7 @@ def test_pybullet_runs_on_the_cpu_only():
         BulletSimulator(1, DifferentialDrive(), Lidar(), device="cuda")
 
 
-def test_on_a_device_a_command_that_is_not_finite_is_told_at_the_next_reset():
+def test_non_finite_command_is_reported_at_the_next_reset():
     sim = simulator()
     sim.device = torch.device("cuda")  # only to take the device's way; all is on the CPU
     command = torch.tensor([[0.5, torch.nan], [-torch.inf, 1.0]])
@@ -52,7 +52,7 @@ def test_on_a_device_a_command_that_is_not_finite_is_told_at_the_next_reset():
 
 
 @pytest.mark.gpu
-def test_a_gpu_tells_it_at_the_next_reset():
+def test_gpu_reports_non_finite_command_at_the_next_reset():
     sim = simulator("cuda")
     pose = sim.step(torch.tensor([[0.5, torch.nan], [0.5, 0.0]], device="cuda")).pose
     assert pose.isfinite().all()

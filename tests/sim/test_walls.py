@@ -27,7 +27,7 @@ def scenario(walls):
 
 
 @pytest.mark.parametrize("kind", [BatchedSimulator, BulletSimulator])
-def test_walls_are_the_scenarios(kind):
+def test_walls_equal_the_scenarios(kind):
     simulator = kind(2, DifferentialDrive(), Lidar(num_beams=8))
     with pytest.raises(RuntimeError, match="must be reset"):
         simulator.walls(0)

@@ -77,7 +77,7 @@ class Watched:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=str)
-def test_workers_feed_the_learner_and_follow_it(kind, tmp_path, monkeypatch):
+def test_workers_send_transitions_and_receive_weights(kind, tmp_path, monkeypatch):
     monkeypatch.setenv("RAY_worker_niceness", "0")  # Ray's default, 15, starves on a busy machine
     watched = Watched(tmp_path, kind)
     progress = watched.trainer.run()
@@ -90,7 +90,9 @@ def test_workers_feed_the_learner_and_follow_it(kind, tmp_path, monkeypatch):
         assert levels == sorted(levels) and levels[0] == 1
         assert levels[-1] == 2, "the curriculum's level did not arrive"
     first, second = (next(s for w, s in watched.steps if w == worker) for worker in (0, 1))
-    assert not torch.equal(first["waypoint"], second["waypoint"]), "workers see the same worlds"
+    assert not torch.equal(first["waypoints_scaled"], second["waypoints_scaled"]), (
+        "workers see the same worlds"
+    )
     assert not multiprocessing.active_children()
     if kind == ["collector=ray"]:
         import ray
@@ -98,7 +100,7 @@ def test_workers_feed_the_learner_and_follow_it(kind, tmp_path, monkeypatch):
         assert not ray.is_initialized()
 
 
-def test_a_dead_worker_ends_the_run(tmp_path):
+def test_failed_worker_ends_the_run(tmp_path):
     """Rather than letting it wait for ever; what the last checkpoint holds is safe."""
     trainer = Watched(tmp_path, ["collector=process"]).trainer
     collector, step = trainer.collector, trainer.collector.step
@@ -116,7 +118,7 @@ def test_a_dead_worker_ends_the_run(tmp_path):
 
 
 @pytest.mark.slow
-def test_waiting_workers_repeat_exactly(tmp_path):
+def test_synchronous_workers_are_reproducible(tmp_path):
     runs = []
     for name in ("a", "b"):
         overrides = ["collector=process", "collector.sync=true", "schedule.total_frames=160"]
@@ -143,7 +145,7 @@ def test_a_run_with_workers_resumes_with_the_same_learner(tmp_path):
     assert resumed.run().frames == 320
 
 
-def test_the_level_reaches_the_worlds(tmp_path):
+def test_curriculum_level_reaches_the_worlds(tmp_path):
     """Not only the transitions: the worker's environment draws by it."""
     trainer = Watched(tmp_path, ["collector=process"]).trainer
     env = WorkerEnv(trainer.collector.make_env, 0, 1, max_dynamic=1)()
@@ -174,7 +176,7 @@ def test_bad_collectors_are_named(overrides, message, tmp_path):
     assert message in describe(caught.value)
 
 
-def test_missing_ray_says_how_to_get_it(monkeypatch, tmp_path):
+def test_missing_ray_is_named(monkeypatch, tmp_path):
     find = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *a: None if name == "ray" else find(name, *a)

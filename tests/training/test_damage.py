@@ -79,7 +79,7 @@ def test_any_flipped_bit_in_the_journal_is_detected(tmp_path):
         Replay(["x"], capacity=10, batch_size=4).load(tmp_path, state)
 
 
-def test_journal_load_deletes_what_is_not_listed(tmp_path):
+def test_journal_load_deletes_unlisted_files(tmp_path):
     replay = Replay(["x"], capacity=10, batch_size=4)
     replay.extend(steps(5))
     state = replay.save(tmp_path)
@@ -128,7 +128,7 @@ def test_full_disk_keeps_the_last_checkpoint(tmp_path):
     assert len(copy) == 2005
 
 
-def test_error_of_the_system_says_how_to_continue(tmp_path):
+def test_system_error_states_how_to_continue(tmp_path):
     def write():
         with resumable(tmp_path), open("/dev/full", "w") as full:
             full.write("x")
@@ -154,7 +154,7 @@ def test_full_disk_at_a_row_of_the_log_names_the_file(tmp_path):
     ]
 
 
-def test_log_keeps_the_rows_of_the_checkpoint_only(tmp_path):
+def test_log_retains_only_rows_of_the_checkpoint(tmp_path):
     log = MetricsLog(tmp_path, tensorboard=False)
     for value in (1.0, 2.0, 3.0):
         log.log(10, 1, {"a": value})
@@ -166,7 +166,7 @@ def test_log_keeps_the_rows_of_the_checkpoint_only(tmp_path):
 
 
 @pytest.mark.parametrize("left", ["journal", "log"])
-def test_run_that_lost_its_state_is_not_begun_again(tmp_path, left):
+def test_run_with_missing_state_does_not_restart(tmp_path, left):
     store, replay = (
         CheckpointStore(tmp_path / "checkpoint"),
         Replay(["x"], capacity=9, batch_size=4),
@@ -201,7 +201,7 @@ def test_half_written_state_is_removed_at_a_load(tmp_path):
         (None, (-1, -1.0)),
     ],
 )
-def test_best_is_that_of_a_later_saved_policy(saved, best):
+def test_best_score_is_of_the_later_saved_policy(saved, best):
     progress = Progress(frames=10, best_level=0, best_success_rate=0.25)
     progress.restore_best(saved, level=2)
     assert (progress.best_level, progress.best_success_rate) == best

@@ -46,7 +46,7 @@ def fake_training(*arguments: str) -> list[str]:
     ],
     ids=lambda overrides: overrides[0].partition("=")[2],
 )
-def test_a_step_of_training_stays_on_its_device(overrides):
+def test_training_step_stays_on_its_device(overrides):
     assert set(fake_training(*overrides)) >= KERNELS
 
 
@@ -58,12 +58,12 @@ def test_a_step_of_training_stays_on_its_device(overrides):
         pytest.param("copied", "AssertionError", marks=pytest.mark.slow),
     ],
 )
-def test_what_does_not_stay_there_is_seen(planted, error):
+def test_device_transfer_is_detected(planted, error):
     assert fake_training(planted, "experiment=quick") == [error]
 
 
 @pytest.mark.gpu
-def test_training_on_a_gpu_sees_what_training_on_the_cpu_sees():
+def test_gpu_and_cpu_training_observe_the_same():
     seen = {}
     for device in ("cpu", "cuda"):
         env = make_training_env(compose("train", [*OPTIONS, f"device={device}"]), 0)
@@ -85,7 +85,7 @@ def test_training_on_a_gpu_sees_what_training_on_the_cpu_sees():
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("options", [[], ["collector=process", "collector.num_workers=1"]])
-def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
+def test_gpu_run_resumes_on_gpu_and_cpu(tmp_path, options):
     options = [*options, "schedule.checkpoint_every_s=1e9", "algorithm.precision=float32"]
     gpu = ["device=cuda", "algorithm.cuda_graph=true"]
     trainer = tiny_trainer(tmp_path, [*options, *gpu])
@@ -105,7 +105,9 @@ def test_a_run_on_a_gpu_goes_on_there_and_on_the_cpu(tmp_path, options):
 @pytest.mark.gpu
 def test_workers_get_the_weights_of_a_learner_on_a_gpu():
     cfg = compose("train", [*OPTIONS, "device=cuda"])
-    actor, _ = make_agent(cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoint": [5, 2]})
+    actor, _ = make_agent(
+        cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
+    )
     behaviour = instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration))
     policy = WorkerPolicy(behaviour)
     with torch.no_grad():

@@ -13,7 +13,7 @@ NUMBERS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-def test_signal_is_noted_and_checked(number):
+def test_signal_is_recorded_and_checked(number):
     before = signal.getsignal(number)
     with StopSignals() as signals:
         signals.check()

@@ -28,7 +28,7 @@ def steps():
 
 
 @pytest.mark.parametrize("num_steps", [2, 3, 5])
-def test_equals_the_sum_written_out(steps, num_steps):
+def test_n_step_return_equals_the_explicit_sum(steps, num_steps):
     fold = NStepReturn(num_steps, GAMMA)
     complete = [out for out in map(fold, steps) if out is not None]
     assert len(complete) == LENGTH - num_steps + 1
@@ -48,11 +48,11 @@ def test_equals_the_sum_written_out(steps, num_steps):
                 assert out["next", flag][world] == steps[last]["next", flag][world]
 
 
-def test_one_step_is_left_as_it_is(steps):
+def test_one_step_returns_are_unchanged(steps):
     assert NStepReturn(1, GAMMA)(steps[0]) is steps[0]
 
 
-def test_what_is_held_back_survives(steps):
+def test_pending_steps_are_restored(steps):
     fold, resumed = NStepReturn(3, GAMMA), NStepReturn(3, GAMMA)
     for step in steps[:5]:
         fold(step)
@@ -60,7 +60,7 @@ def test_what_is_held_back_survives(steps):
     assert (fold(steps[5]) == resumed(steps[5])).all()
 
 
-def test_refuses_what_cannot_be(steps):
+def test_invalid_arguments_are_rejected(steps):
     with pytest.raises(ValueError, match="num_steps=0"):
         NStepReturn(0)
     fold = NStepReturn(2)

@@ -31,7 +31,7 @@ def transitions(start: int, count: int) -> TensorDict:
     )
 
 
-def test_replay_keeps_only_what_networks_need():
+def test_replay_stores_only_network_inputs():
     replay = Replay(["x"], capacity=100, batch_size=16)
     replay.extend(transitions(0, 50))
     batch = replay.sample()
@@ -66,7 +66,7 @@ def test_journal_restores_every_row_at_its_place(tmp_path, storage):
     assert len(copy) == 64
 
 
-def test_journal_forgets_what_was_overwritten(tmp_path):
+def test_journal_drops_overwritten_rows(tmp_path):
     replay = Replay(["x"], capacity=10, batch_size=4)
     for k in range(6):
         replay.extend(transitions(5 * k, 5))
@@ -75,7 +75,7 @@ def test_journal_forgets_what_was_overwritten(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_journal_says_what_is_missing(tmp_path):
+def test_journal_names_missing_files(tmp_path):
     replay = Replay(["x"], capacity=10, batch_size=4)
     replay.extend(transitions(0, 5))
     state = replay.save(tmp_path)
@@ -84,7 +84,7 @@ def test_journal_says_what_is_missing(tmp_path):
         Replay(["x"], capacity=10, batch_size=4).load(tmp_path, state)
 
 
-def test_curriculum_rises_above_the_threshold_only_and_never_falls():
+def test_curriculum_level_rises_only_above_the_threshold():
     curriculum = Curriculum((2, 4, 8), threshold=0.7)
     assert not curriculum.report(0.7) and curriculum.max_dynamic == 2
     assert curriculum.report(0.71) and curriculum.max_dynamic == 4
@@ -104,7 +104,7 @@ def test_bad_schedule_is_named():
         Schedule(frames_per_update=0)
 
 
-def test_checkpoint_survives_a_half_written_successor(tmp_path):
+def test_checkpoint_is_valid_beside_a_partial_successor(tmp_path):
     store = CheckpointStore(tmp_path)
     with pytest.raises(FileNotFoundError, match="no checkpoint"):
         store.load()
@@ -113,7 +113,7 @@ def test_checkpoint_survives_a_half_written_successor(tmp_path):
     assert torch.equal(store.load()["x"], torch.ones(2))
 
 
-def test_log_grows_columns_and_drops_what_a_resume_repeats(tmp_path):
+def test_log_adds_columns_and_drops_repeated_rows(tmp_path):
     log = MetricsLog(tmp_path, tensorboard=False)
     log.log(10, 1, {"a": 1.0})
     log.log(20, 2, {"a": 2.0, "b": 3.0})

@@ -73,7 +73,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.parametrize("frames", [0, 156])  # at 156 the replay has wrapped around once
-def test_resumed_run_equals_an_undisturbed_one(tmp_path, whole, frames):
+def test_resumed_run_equals_an_uninterrupted_one(tmp_path, whole, frames):
     broken = tiny_trainer(tmp_path, RUN)
     kill(broken, "_collect", when=lambda: broken.progress.frames >= frames)
     resumed = tiny_trainer(tmp_path, RUN)
@@ -125,7 +125,7 @@ def test_only_a_better_policy_is_saved(tmp_path):
     assert saved == [0.25, 0.5]
 
 
-def test_worse_policy_does_not_replace_a_later_best_after_a_resume(tmp_path):
+def test_resume_keeps_the_best_policy(tmp_path):
     """The saved policy may be newer than the checkpoint; workers start other episodes then."""
     options = ["schedule.checkpoint_every_s=1000"]
     trainer, saved = rated(tmp_path, [0.25, 0.5], options)
@@ -147,7 +147,7 @@ def test_policy_of_a_higher_level_is_kept_after_a_resume(tmp_path):
     assert saved == [0.375]
 
 
-def test_lost_policy_is_saved_anew(tmp_path):
+def test_missing_policy_is_saved_again(tmp_path):
     trainer, saved = rated(tmp_path, [0.5, 0.25, 0.25])
     kill(trainer, "_collect", when=lambda: saved == [0.5] and trainer.progress.updates > 6)
     for file in (tmp_path / "policy").iterdir():
@@ -204,7 +204,7 @@ def test_signal_to_a_run_with_workers_saves_it(tmp_path, number):
     assert trainer.progress.frames > 40
 
 
-def test_missing_state_does_not_begin_again(tmp_path, whole):
+def test_run_without_state_does_not_restart(tmp_path, whole):
     shutil.copytree(whole.folder, tmp_path / "run")
     (tmp_path / "run" / "checkpoint" / "state.pt").unlink()
     before = sorted(tmp_path.rglob("*"))
@@ -232,7 +232,7 @@ def test_checkpoints_without_the_new_keys_resume(tmp_path, whole):
         assert torch.equal(value, resumed.algorithm.state_dict()["loss"][name]), name
 
 
-def test_not_finite_values_are_saved_and_stop_the_run(tmp_path):
+def test_non_finite_values_are_saved_and_stop_the_run(tmp_path):
     trainer = tiny_trainer(tmp_path, RUN)
     sample = trainer.replay.sample
 
@@ -250,7 +250,7 @@ def test_not_finite_values_are_saved_and_stop_the_run(tmp_path):
 
 
 @pytest.mark.slow
-def test_kill_minus_nine_loses_at_most_an_interval(tmp_path):
+def test_sigkill_discards_at_most_one_interval(tmp_path):
     folder = tmp_path / "run"
     script = (
         "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])\n"

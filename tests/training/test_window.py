@@ -64,7 +64,7 @@ def test_row_without_an_ended_episode_has_no_rates_above_zero():
     assert Window.from_state(Window().state_dict()).state_dict() == Window().state_dict()
 
 
-def test_phases_add_up(monkeypatch):
+def test_phase_times_sum_to_the_total(monkeypatch):
     clock = iter([0.0, 2.0, 5.0, 8.0])
     monkeypatch.setattr("time.perf_counter", lambda: next(clock))
     window = Window()

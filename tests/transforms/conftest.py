@@ -1,4 +1,4 @@
-"""Tests here import their neighbours contract.py and lidar_envs.py."""
+"""Tests here import their neighbors contract.py and lidar_envs.py."""
 
 import sys
 from pathlib import Path

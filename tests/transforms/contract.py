@@ -82,7 +82,7 @@ class TransformContract:
         torch.manual_seed(seed)
         return env.rollout(num_steps, break_when_any_done=False)
 
-    def test_specs(self):
+    def test_specs_match_outputs(self):
         check_env_specs(make_env(self.steps()))
 
     def test_outputs_have_the_declared_dtypes(self):
@@ -125,7 +125,7 @@ class TransformContract:
             value.zero_() if value.dtype == torch.bool else value.fill_(7)
         assert_same(following, kept, self.make().out_keys)
 
-    def test_outputs_are_tensors_of_their_own(self):
+    def test_outputs_share_no_memory(self):
         """Writing to one key later must not change another."""
         root = make_env(self.steps()).reset()
         out_keys = self.make().out_keys
@@ -135,7 +135,7 @@ class TransformContract:
             assert address not in others.values(), key
 
     @pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
-    def test_in_workers_as_outside(self, kind):
+    def test_workers_give_equal_outputs(self, kind):
         """The transform gives the same inside the workers as around them."""
         inside = kind(2, partial(make_env, self.steps()), **_fast_start(kind))
         outside = TransformedEnv(

@@ -46,19 +46,19 @@ def driven(scan: TensorDict, v: float, w: float = 0.0, **kwargs) -> tuple[float,
 def hull_gap(command: tuple[float, float], point, motion=(0.0, 0.0), horizon: float = 0.4) -> float:
     """Return m between hull and point at the closest, by small steps of an integration."""
     x = y = yaw = 0.0
-    least, step = math.inf, 1e-3
+    smallest, step = math.inf, 1e-3
     for k in range(round(horizon / step)):
         yaw += 0.5 * command[1] * step
         x, y = x + command[0] * math.cos(yaw) * step, y + command[0] * math.sin(yaw) * step
         yaw += 0.5 * command[1] * step
         t = (k + 1) * step / 0.2
         gap = math.hypot(point[0] + motion[0] * t - x, point[1] + motion[1] * t - y)
-        least = min(least, gap)
-    return least - RADIUS
+        smallest = min(smallest, gap)
+    return smallest - RADIUS
 
 
 @pytest.mark.parametrize("command", [(1.0, 0.0), (0.0, 3.14), (0.371, -1.234)])
-def test_a_command_that_stays_clear_passes_to_the_bit(command):
+def test_safe_command_is_unchanged_bit_for_bit(command):
     scan = seen((1.5, 0.4), (0.3, 1.4))
     assert driven(scan, *command) == tuple(torch.tensor(command).tolist())
 
@@ -70,7 +70,7 @@ def test_points_without_return_are_no_obstacle():
     assert driven(scan, 1.0) == (1.0, 0.0)
 
 
-def test_the_most_similar_command_that_stays_clear_is_driven():
+def test_unsafe_command_becomes_the_most_similar_safe_one():
     """A point 0.45 m ahead: of all commands of the grid none that stays clear is nearer."""
     command = driven(seen((0.45, 0.0)), 1.0)
     assert hull_gap((1.0, 0.0), (0.45, 0.0)) < MARGIN <= hull_gap(command, (0.45, 0.0)) + 1e-3
@@ -92,7 +92,7 @@ def end_gap(v: float, w: float, t: float, point) -> float:
     return math.hypot(point[0] - chord * math.cos(half), point[1] - chord * math.sin(half)) - RADIUS
 
 
-def test_without_a_way_out_the_most_room_is_kept():
+def test_largest_clearance_is_chosen_without_a_safe_command():
     ring = [(0.19 * math.cos(a), 0.19 * math.sin(a)) for a in torch.linspace(0, 6.2, 60).tolist()]
     v, _ = driven(seen(*ring), 1.0)
     assert v == 0.0
@@ -130,7 +130,7 @@ def test_a_command_along_a_wall_within_the_margin_passes():
     assert turned[1] <= 0.0 and turned[0] > 0.4
 
 
-def test_present_clearance_counts():
+def test_present_clearance_is_considered():
     """Driving away at any speed has the clearance of now: the most similar command is driven."""
     behind = (-(RADIUS + 0.01), 0.0)
     assert driven(seen(behind), 0.25) == (0.25, 0.0)
@@ -143,12 +143,37 @@ def test_margin_decides_which_commands_pass(gap, passes):
     assert (driven(seen(point), 0.5) == (0.5, 0.0)) is passes
 
 
-def test_present_and_each_half_step_are_checked():
-    assert ActionShield().times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
-    assert ActionShield(checks_per_step=1).times == pytest.approx([0.0, 0.2, 0.4])
+def test_each_half_step_is_checked():
+    assert ActionShield().times == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert ActionShield(checks_per_step=1).times == pytest.approx([0.2, 0.4])
 
 
-def test_ties_go_to_the_most_similar_command():
+def test_a_pedestrian_within_the_margin_is_evaded():
+    """One walks behind the robot at 0.35 m/s; at 0.4 m/s the margin is regained too late."""
+    person, motion = (-(RADIUS + MARGIN - 0.008), 0.0), (0.07, 0.0)
+    assert driven(seen(person, motion=motion), 0.5) == (0.5, 0.0)
+    v, w = driven(seen(person, motion=motion), 0.4)
+    assert v == pytest.approx(0.5) and w == pytest.approx(0.0, abs=1e-6)
+    assert driven(seen(person), 0.4) == (torch.tensor(0.4).item(), 0.0)  # it stands there
+
+
+def test_approaching_points_do_not_lower_the_distance_to_others():
+    """A pedestrian within the margin on one side, a wall outside of it on the other."""
+    person, motion, wall = (0.0, RADIUS + 0.01), (0.0, -0.07), (0.45, 0.0)
+    alone = driven(seen(wall), 1.0)
+    both = driven(seen(person, wall, motion=motion), 1.0)
+    for command in (alone, both):
+        assert hull_gap(command, wall) > MARGIN - 1e-3
+
+
+def test_distances_are_beyond_what_each_point_requires():
+    places = torch.zeros(1, 1, 1, 2)
+    points = torch.tensor([[[1.0, 0.0], [2.0, 0.0]]])
+    room = room_along(places, points, torch.zeros(1, 2, 2), [1], torch.tensor([[0.25, 1.5]]))
+    torch.testing.assert_close(room, torch.tensor([[[0.5]]]))
+
+
+def test_ties_choose_the_most_similar_command():
     """A point within the margin ahead: all that drive no nearer tie at the present clearance."""
     point = (RADIUS + 0.01, 0.0)
     v, w = driven(seen(point), 0.5, 1.0)
@@ -164,7 +189,7 @@ def test_a_robot_that_drives_backwards_can_stop():
     assert v == 0.0
 
 
-def test_pedestrians_walk_on_with_their_descriptors():
+def test_descriptors_predict_pedestrian_motion():
     """Somebody comes from the left, 0.2 m a step: in 0.4 s he is in front of the robot."""
     person, motion = (0.5, 0.45), (0.0, -0.2)
     assert driven(seen(person), 1.0) == (1.0, 0.0)
@@ -178,7 +203,7 @@ def test_pedestrians_walk_on_with_their_descriptors():
     [((0.0, -0.03), True), ((0.0, -0.5), True), ((0.0, -0.2), False)],
     ids=["noise", "mismatch", "seen once"],
 )
-def test_what_is_no_motion_moves_nobody(motion, valid):
+def test_noise_is_not_predicted_as_motion(motion, valid):
     assert driven(seen((0.5, 0.45), motion=motion, valid=valid), 1.0) == (1.0, 0.0)
 
 
@@ -186,7 +211,7 @@ def test_only_points_around_a_moved_group_move():
     points = torch.tensor([[[1.0, 0.0], [1.2, 0.0], [1.4, 0.0]]])
     tagd = torch.tensor([[[0.9, 0.0, 1.0, 0.0], [2.0, 0.0, 2.0, 0.0]]])
     valid = torch.ones(1, 2, 2, dtype=torch.bool)
-    kind = {"least": 0.05, "most": 0.3, "group_radius": 0.3}
+    kind = {"min_displacement": 0.05, "max_displacement": 0.3, "group_radius": 0.3}
     motion = point_motion(points, tagd, valid, **kind)
     torch.testing.assert_close(motion[0, :, 0], torch.tensor([0.1, 0.1, 0.0]))
     assert motion[..., 1].abs().max() == 0.0
@@ -195,22 +220,24 @@ def test_only_points_around_a_moved_group_move():
 @pytest.mark.parametrize(
     ("step", "moves"), [(0.04, False), (0.06, True), (0.29, True), (0.31, False)]
 )
-def test_motion_between_least_and_most_counts(step, moves):
+def test_displacement_limits_select_moving_groups(step, moves):
     points = torch.tensor([[[1.0, 0.0]]])
     tagd = torch.tensor([[[1.0, step, 1.0, 0.0]]])
     valid = torch.ones(1, 1, 2, dtype=torch.bool)
-    motion = point_motion(points, tagd, valid, least=0.05, most=0.3, group_radius=0.3)
+    motion = point_motion(
+        points, tagd, valid, min_displacement=0.05, max_displacement=0.3, group_radius=0.3
+    )
     torch.testing.assert_close(motion[0, 0], torch.tensor([0.0, -step if moves else 0.0]))
 
 
-def test_room_is_taken_at_the_time_of_the_place():
+def test_clearance_is_measured_at_the_time_of_each_position():
     places = torch.tensor([[[[0.0, 0.0], [1.0, 0.0]]]])
     points, motion = torch.tensor([[[2.0, 0.0]]]), torch.tensor([[[0.5, 0.0]]])
     room = room_along(places, points, motion, [1, 4])
     torch.testing.assert_close(room, torch.tensor([[[2.5, 3.0]]]))
 
 
-def test_the_environment_gets_the_command_and_the_caller_keeps_its_action():
+def test_caller_keeps_the_unshielded_action():
     env = TransformedEnv(RoomEnv(64, done_rate=0.0), Compose(*pipeline(), ActionScaling()))
     check_env_specs(env)
     got, step = [], env.base_env._step
@@ -244,7 +271,7 @@ def test_any_batch_shape_and_device(batch, device):
     torch.testing.assert_close(command.reshape(-1, 2).cpu(), alone)
 
 
-def test_stored_data_keeps_the_policys_action():
+def test_stored_data_contains_the_policys_action():
     scan = seen((0.25, 0.0)).set("action", torch.tensor([1.0, 0.0]))
     assert ActionShield()(scan.clone())["action"].tolist() == [1.0, 0.0]
 
@@ -294,7 +321,7 @@ def test_missing_key_is_named(key):
         ({"max_turn_rate": math.inf}, "max_turn_rate=inf: must be positive"),
         ({"margin": -0.1}, "margin=-0.1: must be >= 0"),
         ({"min_speed": 1.0}, "min_speed=1.0, max_speed=1.0: must satisfy min_speed < max_speed"),
-        ({"least_speed": 2.0}, "least_speed=2.0, most_speed=1.5"),
+        ({"min_descriptor_speed": 2.0}, "min_descriptor_speed=2.0, max_descriptor_speed=1.5"),
         ({"num_speeds": 1}, "num_speeds=1: must be at least 2"),
         ({"num_turn_rates": 24}, "num_turn_rates=24: must be odd"),
         ({"scan_keys": ["points"]}, "scan_keys=.*: must be 4 keys"),

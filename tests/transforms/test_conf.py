@@ -16,20 +16,28 @@ from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
 
 CONF = Path(__file__).parents[2] / "conf"
 NAMES = sorted(path.stem for path in (CONF / "transforms").glob("*.yaml"))
-OURS = {"spatial": (180, 2), "temporal": (30, 4), "waypoint": (5, 2)}
+OURS = {"spatial": (180, 2), "temporal": (30, 4), "waypoints_scaled": (5, 2)}
 INPUTS = {  # of the networks; those of the pipelines not named here are the paper's
-    "distances": {"distance": (180,), "waypoint": (5, 2)},
+    "distances": {"ranges_pooled_scaled": (180,), "waypoints_scaled": (5, 2)},
     "liang": {
-        **dict.fromkeys(("distance", "distance_previous", "distance_earlier"), (180,)),
-        "waypoint": (5, 2),
+        **dict.fromkeys(
+            ("ranges_pooled_scaled", "ranges_previous_scaled", "ranges_earlier_scaled"), (180,)
+        ),
+        "waypoints_scaled": (5, 2),
     },
     "liang_original": {
-        **dict.fromkeys(("distance", "distance_previous", "distance_earlier"), (512,)),
-        "goal": (2,),
+        **dict.fromkeys(
+            ("ranges_pooled_scaled", "ranges_previous_scaled", "ranges_earlier_scaled"), (512,)
+        ),
+        "goal_position_scaled": (2,),
     },
-    "navrl_best": {"distances": (4, 180), "waypoint": (5, 2)},
-    "perez_darpino": {"distance": (128,), "goal": (2,), "waypoint": (6, 2)},
-    "subgoal": {"spatial": (180, 2), "waypoint": (5, 2)},
+    "navrl_best": {"ranges_history_scaled": (4, 180), "waypoints_scaled": (5, 2)},
+    "perez_darpino": {
+        "ranges_pooled_scaled": (128,),
+        "goal_position_scaled": (2,),
+        "waypoints_scaled": (6, 2),
+    },
+    "subgoal": {"spatial": (180, 2), "waypoints_scaled": (5, 2)},
 }
 BEAMS = {"liang_original": 1536, "perez_darpino": 1536}
 
@@ -40,7 +48,7 @@ def read(name, *overrides):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_builds_and_runs(name):
+def test_pipeline_builds_and_runs(name):
     room = RoomEnv(num_beams=BEAMS.get(name, 1440))
     env = TransformedEnv(room, instantiate(read(name), _convert_="all"))
     check_env_specs(env)
@@ -55,11 +63,11 @@ def test_waypoints_far_ahead_lie_on_the_same_projection():
     steps = instantiate(read("perez_darpino"), _convert_="all")
     env = TransformedEnv(RoomEnv(num_beams=1536), steps)
     rollout = env.rollout(3)
-    near, far = 3.5 * rollout["waypoint"][..., 0, :], rollout["waypoints"][..., 2:4, :]
+    near, far = 3.5 * rollout["waypoints_scaled"][..., 0, :], rollout["waypoints"][..., 2:4, :]
     assert (near - far.mean(-2)).norm(dim=-1).max() < 0.2  # 1.0 m: between 0.9 m and 1.2 m
 
 
-def test_paper_is_the_constructors_defaults():
+def test_paper_config_equals_the_defaults():
     for name, node in read("paper").items():
         if name == "_target_":
             continue
@@ -70,7 +78,7 @@ def test_paper_is_the_constructors_defaults():
                 assert (list(default) if isinstance(default, tuple) else default) == value
 
 
-def test_icp_options_are_the_named_ones():
+def test_icp_options_equal_the_named_options():
     for name, expected in (("paper", PAPER), ("robust", ROBUST)):
         step = instantiate(read(name).icp_align, _convert_="all")
         assert asdict(step.options) == asdict(expected)

@@ -40,7 +40,7 @@ def actions(*batch: int, seed: int = 0) -> torch.Tensor:
     return 2.0 * torch.rand(*batch, 2, generator=torch.Generator().manual_seed(seed)) - 1.0
 
 
-def test_specs_are_those_of_a_subgoal():
+def test_specs_describe_a_subgoal():
     env = make_env(max_distance=1.5, max_bearing=2.0)
     check_env_specs(env)
     assert env.action_spec.space.low[0].tolist() == [0.0, -2.0]
@@ -50,7 +50,7 @@ def test_specs_are_those_of_a_subgoal():
     assert scaled.action_spec.space.low.min() == -1.0 and scaled.action_spec.space.high.max() == 1.0
 
 
-def test_the_environment_gets_velocities_and_the_caller_keeps_its_subgoal():
+def test_caller_keeps_its_subgoal_action():
     env = make_scaled_env()
     seen, step = [], env.base_env._step
     env.base_env._step = lambda td: seen.append(td["action"].clone()) or step(td)
@@ -87,14 +87,14 @@ def test_subgoals_never_end_beyond_a_return():
     assert gap[is_limited].amin(-1).max() <= transform.radius + 1e-4  # and no shorter than it must
 
 
-def test_the_robot_slows_down_and_stops_before_what_it_sees():
+def test_robot_stops_before_visible_obstacles():
     data = TensorDict({"action": torch.tensor([1.0, 0.0]), "returns": torch.tensor([True])})
     for gap, speed in ((0.4, 0.4), (0.05, 0.05), (0.0, 0.0), (-0.1, 0.0), (3.0, 1.0)):
         data["points"] = torch.tensor([[0.178 + gap, 0.0]])
         assert SubgoalAction().inv(data)["action"].tolist() == pytest.approx([speed, 0.0])
 
 
-def test_what_was_asked_is_limited_to_its_bounds():
+def test_requested_subgoal_is_clipped_to_its_bounds():
     points, returns = torch.zeros(1, 1, 2), torch.zeros(1, 1, dtype=torch.bool)
     asked = torch.tensor([[5.0, -3.0], [-1.0, 3.0]])
     subgoal = SubgoalAction(max_distance=1.0, max_bearing=1.5).subgoal(
@@ -104,7 +104,7 @@ def test_what_was_asked_is_limited_to_its_bounds():
 
 
 @pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
-def test_in_workers_as_outside(kind):
+def test_workers_give_equal_outputs(kind):
     fast = {"mp_start_method": "fork"} if kind is ParallelEnv else {}
     env, single = kind(2, partial(make_scaled_env, 3), **fast), make_scaled_env(3)
     env.set_seed(1)
@@ -119,7 +119,7 @@ def test_in_workers_as_outside(kind):
     env.close(raise_if_closed=False)
 
 
-def test_stored_data_keeps_the_policys_action():
+def test_stored_data_contains_the_policys_action():
     data = TensorDict({"action": actions(3), "next": {"reward": torch.zeros(3, 1)}}, [3])
     assert torch.equal(SubgoalAction()(data.clone())["action"], data["action"])
 

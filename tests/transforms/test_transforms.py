@@ -60,7 +60,7 @@ class TestMinPool(TransformContract):
         with pytest.raises(ValueError, match=r"'ranges'.*48 beams, group_size 7"):
             _ = make_env([MinPool(group_size=7)]).observation_spec
 
-    def test_points_of_another_number_are_refused(self):
+    def test_wrong_number_of_points_is_rejected(self):
         message = (
             r"num_points=16: must be 12 for group_size=4 and 48 beams; use a lidar of 64 beams"
         )
@@ -68,7 +68,7 @@ class TestMinPool(TransformContract):
             _ = make_env([MinPool(group_size=4, num_points=16)]).observation_spec
         assert make_env([MinPool(group_size=4, num_points=12)]).reset()["returns"].shape[1] == 12
 
-    def test_called_with_bare_tensors(self):
+    def test_transforms_accept_plain_tensors(self):
         pooled, points, returns = MinPool()(ranges=torch.full((2, 1440), 1.0))
         assert pooled.shape == (2, 180)
         assert points.shape == (2, 180, 2)
@@ -117,7 +117,7 @@ class TestPartialScans:
         torch.manual_seed(0)
         return env.rollout(10, break_when_any_done=False)
 
-    def test_points_lie_on_the_walls_and_nothing_behind_is_seen(self):
+    def test_partial_lidar_points_lie_on_walls(self):
         rollout = self.rollout(*front_scan(), MinPool(4, bearing="beam", out_keys=["r", "p", "h"],
                                                       **FRONT))  # fmt: skip
         points = se2.transform_points(rollout["pose"], rollout["p"])[rollout["h"]]
@@ -128,7 +128,7 @@ class TestPartialScans:
         assert not rollout[keys.RETURNS][~seen].any()
         assert (rollout[keys.RANGES_POOLED][~seen] == 3.5).all()
 
-    def test_alignment_and_history_take_blind_bins_for_unknown(self):
+    def test_alignment_and_history_treat_blind_bins_as_unknown(self):
         in_keys = [
             keys.PREVIOUS_POINTS,
             keys.PREVIOUS_RETURNS,
@@ -141,7 +141,7 @@ class TestPartialScans:
         rollout = self.rollout(*front_scan(ScanHistory(), align, history))["next"]
         assert rollout[keys.RANGES_HISTORY].isfinite().all()
 
-    def test_a_bin_that_was_blind_says_nothing_of_the_past(self):
+    def test_blind_bin_has_no_history(self):
         """After a turn the sector that was behind holds a wall, which did not appear."""
         seen = torch.arange(180) < 90  # the left half
         points = min_pool(torch.full((180,), 2.0), 1).points
@@ -196,7 +196,7 @@ class TestStoredTransitions:
             ((MinPool(group_size=2), RangeHistory(2, 2)), "RangeHistory needs .* at the root"),
         ],
     )  # fmt: skip
-    def test_steps_that_read_the_past_are_refused_on_raw_transitions(self, steps, message):
+    def test_history_transforms_reject_raw_transitions(self, steps, message):
         raw = self.rollout().set(keys.ICP_TRANSFORM, torch.zeros(80, 3))
         raw["next", keys.ICP_TRANSFORM] = torch.zeros(80, 3)
         with pytest.raises(ValueError, match=message):
@@ -226,7 +226,7 @@ class TestScanHistory(TransformContract):
         torch.testing.assert_close(after[keys.PREVIOUS_POINTS][~done], before[keys.POINTS][~done])
         torch.testing.assert_close(after[keys.PREVIOUS_POINTS][done], after[keys.POINTS][done])
 
-    def test_each_caller_has_its_own_past(self):
+    def test_each_caller_has_its_own_history(self):
         """Two streams through one environment do not mix: nothing is kept in the transform."""
         env = make_env(self.steps())
         one, other = env.reset(), env.reset()
@@ -253,7 +253,7 @@ class TestICPAlign(TransformContract):
         expected = se2.transform_points(rollout[keys.ICP_TRANSFORM], rollout[keys.PREVIOUS_POINTS])
         torch.testing.assert_close(rollout[keys.ALIGNED_POINTS], expected)
 
-    def test_follows_the_robot(self):
+    def test_history_follows_the_robot(self):
         steps = [MinPool(group_size=1), ScanHistory(), ICPAlign(metric="point_to_line")]
         env = TransformedEnv(RoomEnv(num_beams=180, done_rate=0.0), Compose(*steps))
         env.set_seed(0)
@@ -262,7 +262,7 @@ class TestICPAlign(TransformContract):
         error = (rollout["next", keys.ICP_TRANSFORM] - moved).abs()
         assert error.amax(-1).median() < 0.01
 
-    def test_reset_has_not_moved(self):
+    def test_transform_at_reset_is_the_identity(self):
         root = make_env(self.steps()).reset()
         assert root[keys.ICP_TRANSFORM].abs().max() < 1e-6
         assert root[keys.ICP_CONVERGED].all()
@@ -288,7 +288,7 @@ class TestNoAlignment(TransformContract):
     def in_foreign_env(self):
         return [*strangers_scan(), strangers_icp(method="none")]
 
-    def test_is_the_identity(self):
+    def test_alignment_none_is_the_identity(self):
         rollout = self.rollout()
         assert_same(
             rollout.select(keys.ALIGNED_POINTS).rename_key_(
@@ -313,7 +313,7 @@ class TestTAGD(TransformContract):
         tagd = TAGD(max_range=2.5, in_keys=in_keys, out_keys=[["tagd", "c"], ["tagd", "real"]])
         return [*strangers_scan(), strangers_icp(), tagd]
 
-    def test_scans_are_read_in_their_roles(self):
+    def test_alignment_uses_scans_in_their_roles(self):
         now, before = torch.tensor([[1.0, 0.0]]), torch.tensor([[1.1, 0.05]])
         real = torch.tensor([True])
         tagd, valid = TAGD()(points=now, returns=real, points_aligned=before, returns_previous=real)
@@ -347,7 +347,7 @@ class TestWaypoints(TransformContract):
         gap = world.diff(dim=-2).norm(dim=-1)
         assert (gap <= 0.3 + 1e-5).all()
 
-    def test_projection_at_reset_forgets_the_episode_before(self):
+    def test_projection_restarts_at_reset(self):
         env = make_env([Waypoints()])
         root = env.reset()
         root[keys.PATH_PROGRESS] = torch.full((4, 1), 100.0)
@@ -356,7 +356,7 @@ class TestWaypoints(TransformContract):
         assert (after[:2] < 10.0).all()
         assert (after[2:] == 100.0).all()
 
-    def test_step_without_progress_is_an_error_that_says_so(self):
+    def test_step_without_progress_is_explained(self):
         env = make_env([Waypoints()])
         root = env.reset().exclude(keys.PATH_PROGRESS)
         root["action"] = torch.zeros(4, 2)
@@ -364,7 +364,7 @@ class TestWaypoints(TransformContract):
             env.step(root)
 
     @pytest.mark.parametrize(("include_closest", "first"), [(False, 0.3), (True, 0.0)])
-    def test_straight_path_by_hand(self, include_closest, first):
+    def test_waypoints_on_a_straight_path(self, include_closest, first):
         path = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
         pose = torch.tensor([0.4, 0.5, math.pi / 2])  # looking along y, path to its right and below
         waypoints, progress = Waypoints(include_closest=include_closest)(pose=pose, path=path)
@@ -375,7 +375,7 @@ class TestWaypoints(TransformContract):
 
 
 @pytest.mark.parametrize("make", [Waypoints, GoalPosition])
-def test_maps_far_from_their_origin_keep_their_digits(make):
+def test_maps_far_from_the_origin_keep_precision(make):
     """The same place in UTM coordinates: float32 would know them to half a meter."""
     generator = torch.Generator().manual_seed(1)
     path = torch.rand(4, 20, 2, generator=generator, dtype=torch.float64).cumsum(1)
@@ -397,7 +397,7 @@ class TestGoalPosition(TransformContract):
     def in_foreign_env(self):
         return [GoalPosition(in_keys=["odometry", "route"], out_keys=[["ahead", "goal"]])]
 
-    def test_by_hand(self):
+    def test_goal_position_matches_a_manual_example(self):
         path = torch.tensor([[0.0, 0.0], [5.0, 0.0], [5.0, 3.0], [5.0, 3.0]])
         goal = GoalPosition()(pose=torch.tensor([4.0, 1.0, math.pi / 2]), path=path)
         torch.testing.assert_close(goal, torch.tensor([2.0, -1.0]))
@@ -467,7 +467,7 @@ class TestRangeHistory(TransformContract):
         now = rollout[keys.RANGES_POOLED]
         torch.testing.assert_close(rollout[ranges][..., 0, :], now)
 
-    def test_what_stands_still_stays_where_it_is(self):
+    def test_static_points_remain_aligned(self):
         env = TransformedEnv(
             RoomEnv(num_beams=180, done_rate=0.0), Compose(*self.before(), self.make())
         )
@@ -501,11 +501,11 @@ class TestNormalize(TransformContract):
 
 
 class TestCompose:
-    def test_keeps_the_order_and_drops_null(self):
+    def test_compose_keeps_order_and_drops_null(self):
         chain = compose(pool=MinPool(), history=None, last=Normalize())
         assert [type(step) for step in chain] == [MinPool, Normalize]
 
-    def test_names_what_is_no_transform(self):
+    def test_compose_names_objects_that_are_no_transform(self):
         with pytest.raises(ValueError, match=r"transforms\.pool=42: must be"):
             compose(pool=42)
 
@@ -524,9 +524,9 @@ class TestCompose:
         following = env.rollout(3)["next"]
         assert following[keys.SPATIAL_INPUT].shape[-2:] == (180, 2)
         assert following[keys.TEMPORAL_INPUT].shape[-2:] == (30, 4)
-        assert following[keys.WAYPOINT_INPUT].shape[-2:] == (5, 2)
+        assert following[keys.WAYPOINTS_SCALED].shape[-2:] == (5, 2)
 
-    def test_a_strangers_vector_of_envs(self):
+    def test_foreign_vector_environment_is_supported(self):
         env = GymWrapper(StrangersEnv(), device="cpu")
         env = TransformedEnv(env, Compose(*strangers_scan(), strangers_icp()))
         assert env.rollout(5)["next", "ok"].any()
@@ -564,6 +564,6 @@ def test_bad_arguments_are_named(make, message):
         make()
 
 
-def test_unrelated_entries_are_left_alone():
+def test_unrelated_entries_are_unchanged():
     data = TensorDict({"ranges": torch.rand(3, 16), "mine": torch.ones(3)}, [3])
     assert (MinPool(group_size=2)(data)["mine"] == 1).all()

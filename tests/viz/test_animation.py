@@ -8,7 +8,7 @@ from navrl.viz import save_gif, save_png, save_strip
 from navrl.viz.gif import write_gif
 
 
-def test_gif_shows_every_step_in_its_time(tmp_path, recording):
+def test_gif_shows_every_step_at_its_time(tmp_path, recording):
     image = Image.open(save_gif(recording, tmp_path / "deep" / "episode.gif"))
     durations = []
     for frame in range(image.n_frames):
@@ -26,7 +26,7 @@ def test_gif_stays_small(tmp_path, recording):
     assert size < 3e6 * (recording.num_steps + 1) / 151
 
 
-def test_gif_frames_differ_and_keep_flat_colours(tmp_path):
+def test_gif_frames_differ_and_have_flat_colors(tmp_path):
     frames = np.full((3, 8, 8, 3), 255, dtype=np.uint8)
     for i, color in enumerate([(0, 114, 178), (213, 94, 0), (0, 158, 115)]):
         frames[i, :4] = color
@@ -47,7 +47,7 @@ def test_png(tmp_path, recording, step):
     assert (picture < 128).mean() > 0.005
 
 
-def test_the_same_picture_is_the_same_file(tmp_path, recording):
+def test_equal_pictures_have_equal_bytes(tmp_path, recording):
     first = save_png(recording, tmp_path / "first.svg", 0)
     second = save_png(recording, tmp_path / "second.svg", 0)
     assert first.read_bytes() == second.read_bytes()

@@ -48,7 +48,7 @@ def line(axes, label):
     return found.get_xdata(), found.get_ydata()
 
 
-def test_empty_cells_are_no_zeros(tmp_path, figures):
+def test_empty_cells_are_not_drawn_as_zero(tmp_path, figures):
     plot_curves([write_log(tmp_path / "run", 0.8)], tmp_path / "curves")
     success, *_, level, reward, q, _ = figures[0].axes
     frames, values = line(success, "run")
@@ -71,7 +71,7 @@ def test_seeds_are_averaged_where_all_were_logged(tmp_path, figures):
     assert values == pytest.approx(0.4)
 
 
-def test_runs_have_colours_of_their_own(tmp_path, figures):
+def test_runs_have_distinct_colors(tmp_path, figures):
     logs = [write_log(tmp_path / name, 0.5) for name in ("one", "two")]
     plot_curves(logs, tmp_path / "curves")
     success = figures[0].axes[0]
@@ -79,12 +79,12 @@ def test_runs_have_colours_of_their_own(tmp_path, figures):
     assert colors["one"] != colors["two"]
 
 
-def test_more_runs_than_colours_are_told_apart_by_dashes(tmp_path, figures):
+def test_many_runs_are_distinguished_by_dashes(tmp_path, figures):
     logs = [write_log(tmp_path / f"run{i}", 0.5) for i in range(9)]
     plot_curves(logs, tmp_path / "curves", formats=(".png",))
-    labelled = [drawn for drawn in figures[0].axes[0].lines if "run" in str(drawn.get_label())]
-    assert len(labelled) == 9
-    assert len({(drawn.get_color(), drawn.get_linestyle()) for drawn in labelled}) == 9
+    labeled = [drawn for drawn in figures[0].axes[0].lines if "run" in str(drawn.get_label())]
+    assert len(labeled) == 9
+    assert len({(drawn.get_color(), drawn.get_linestyle()) for drawn in labeled}) == 9
 
 
 def test_png_and_svg_are_written(tmp_path):
@@ -100,13 +100,13 @@ def test_png_and_svg_are_written(tmp_path):
         assert words in text
 
 
-def test_a_run_that_has_just_begun(tmp_path):
+def test_new_run_without_rows_is_drawn(tmp_path):
     log = tmp_path / "metrics.csv"
     log.write_text("frames,updates,train/success_rate\n100,1,0.5\n")
     assert all(file.is_file() for file in plot_curves([log], tmp_path / "curves"))
 
 
-def test_the_curve_of_a_bundle_has_axes_for_what_it_holds(tmp_path, figures):
+def test_bundle_curve_has_axes_for_its_columns(tmp_path, figures):
     header = ",".join(["frames", "updates", "evaluation/max_dynamic", *EVALUATED])
     rows = ["100,1,2,0.3,0.4,0.2,0.1", "200,2,4,0.6,0.2,0.2,0"]
     for name in ("one", "two"):
@@ -134,7 +134,7 @@ def test_bad_logs_are_named(tmp_path):
         plot_curves([tmp_path / "empty.csv"], tmp_path / "curves", labels=["a", "b"])
 
 
-def test_nobody_s_settings_change(tmp_path):
+def test_matplotlib_settings_are_restored(tmp_path):
     import matplotlib
 
     before = dict(matplotlib.rcParams)

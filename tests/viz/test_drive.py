@@ -8,7 +8,7 @@ import pytest
 from navrl.viz.drive import forward_and_turn
 
 
-def test_two_commands_are_shown_as_they_are():
+def test_two_commands_are_shown_unchanged():
     recording = SimpleNamespace(action=np.array([[0.5, -1.0]], dtype=np.float32))
     assert forward_and_turn(recording) is recording.action
 

@@ -84,7 +84,7 @@ def test_rates_over_speed_and_number(tmp_path, figures):
 @pytest.mark.parametrize(
     ("name", "setting"), [("speed_0.8", (2, 0.8)), ("density_4", (4, 0.6)), ("table1", (2, 0.6))]
 )
-def test_a_suite_s_name_tells_its_setting(tmp_path, name, setting):
+def test_suite_name_contains_its_setting(tmp_path, name, setting):
     write_point(tmp_path / "a", "paper", 0.5, suite=name)
     (tmp_path / "a" / "config.yaml").unlink()
     (evaluation,) = find_evaluations([tmp_path])
@@ -92,7 +92,7 @@ def test_a_suite_s_name_tells_its_setting(tmp_path, name, setting):
     assert (point.num_dynamic, point.speed) == setting
 
 
-def test_episodes_tell_their_setting_better_than_any_name(tmp_path):
+def test_setting_is_read_from_episodes_first(tmp_path):
     write_point(tmp_path / "a", "paper", 0.5, suite="speed_v2", episodes=2)
     columns = "index,scenario,outcome,num_dynamic,pedestrian_speed_mps\n"
     (tmp_path / "a" / "episodes.csv").write_text(
@@ -110,7 +110,7 @@ def write_world(folder, world, rate, **point):
     write_point(folder / f"{world}{point}", "paper", rate, by_scenario={world: part}, **point)
 
 
-def test_worlds_played_apart_are_pooled_where_all_of_them_are_there(tmp_path, figures):
+def test_separate_worlds_are_pooled_if_complete(tmp_path, figures):
     for world, won, episodes in (
         ("corridor", (0.9, 0.8, 0.7), 300),
         ("intersection", (0.8, 0.6, 0.4), 100),
@@ -134,7 +134,7 @@ def test_worlds_played_apart_are_pooled_where_all_of_them_are_there(tmp_path, fi
     assert "100 to 300 episodes" in figure.legends[0].get_title().get_text()
 
 
-def test_walkers_that_stay_are_counted_and_each_row_takes_its_own_suites(tmp_path):
+def test_rates_read_density_from_density_suites(tmp_path):
     for kept, rate in ((1, 0.9), (2, 0.7), (8, 0.2)):
         write_world(tmp_path, "office", rate, suite=f"density_office_{kept}", count=kept)
         (config,) = tmp_path.glob(f"*density_office_{kept}'*/config.yaml")
@@ -150,7 +150,7 @@ def test_walkers_that_stay_are_counted_and_each_row_takes_its_own_suites(tmp_pat
     assert [(x, p.rate) for x, p in number["paper", "office"]] == [(1, 0.9), (2, 0.7), (8, 0.2)]
 
 
-def test_nine_policies_look_different(tmp_path, figures):
+def test_nine_policies_have_distinct_styles(tmp_path, figures):
     for i in range(9):
         for speed in (0.2, 0.6):
             write_point(tmp_path / f"{i}_{speed}", f"policy_{i}", 0.9 - i / 10, speed=speed)
@@ -180,7 +180,7 @@ def test_group_centers_are_those_of_the_descriptors():
     assert np.allclose(np.linalg.norm(nothing, axis=-1), 3.5)
 
 
-def test_tagd_steps_show_what_was_recorded(tmp_path, recording):
+def test_tagd_steps_show_recorded_data(tmp_path, recording):
     text = save_tagd(recording, tmp_path / "tagd.svg").read_text()
     for words in ("two scans", "aligned by ICP", "center on each ray", "groups", "centroids"):
         assert words in text
@@ -197,7 +197,7 @@ def test_tagd_steps_show_what_was_recorded(tmp_path, recording):
         save_tagd(without, tmp_path / "tagd.png")
 
 
-def test_failures_leave_successes_out(tmp_path, recording):
+def test_failures_exclude_successes(tmp_path, recording):
     lost = dataclasses.replace(recording, outcome="collision_static")
     won = dataclasses.replace(recording, outcome="success")
     text = save_failures([won, lost, lost, lost], tmp_path / "lost.svg", limit=2).read_text()
@@ -220,7 +220,7 @@ def write_recorded(folder, policy, outcomes, recording):
             lost.save(folder / "recordings" / f"{index:06d}.npz")
 
 
-def test_evaluations_beside_recordings_tell_who_lost_how_many_of_how_many(tmp_path, recording):
+def test_failure_counts_are_read_from_evaluations(tmp_path, recording):
     write_recorded(tmp_path / "a", "paper", [WON] * 7 + [HIT] * 3, recording)
     write_recorded(tmp_path / "b", "dwa", [WON] * 8 + [LATE] * 2, recording)
     (file,) = pictures.failures([tmp_path], tmp_path / "lost", [".svg"])
@@ -237,7 +237,7 @@ def test_evaluations_beside_recordings_tell_who_lost_how_many_of_how_many(tmp_pa
     assert ">5 failed episodes<" in file.read_text() and ">paper<" in file.read_text()
 
 
-def test_a_strip_names_the_episode_and_who_played_it(tmp_path, recording):
+def test_strip_names_the_episode_and_policy(tmp_path, recording):
     write_recorded(tmp_path / "a", "paper", [WON, HIT], recording)
     (file,) = pictures.strip([tmp_path / "a"], tmp_path / "strip", [".svg"])
     assert ">paper<" in file.read_text()
@@ -255,7 +255,7 @@ def test_a_strip_names_the_episode_and_who_played_it(tmp_path, recording):
         assert f">{name}<" in file.read_text()
 
 
-def test_mp4_has_a_frame_a_step(tmp_path, recording, monkeypatch):
+def test_mp4_has_one_frame_per_step(tmp_path, recording, monkeypatch):
     """A program in ffmpeg's place notes what it is asked and how many bytes it is sent."""
     fake = tmp_path / "bin" / "ffmpeg"
     fake.parent.mkdir()
@@ -272,7 +272,7 @@ def test_mp4_has_a_frame_a_step(tmp_path, recording, monkeypatch):
     assert int(noted[-1]) == (recording.num_steps + 1 + 15) * width * height * 3
 
 
-def test_mp4_is_a_film(tmp_path, recording):
+def test_mp4_is_playable(tmp_path, recording):
     if shutil.which("ffprobe") is None:
         pytest.skip("needs the programs ffmpeg and ffprobe")
     file = save_mp4(recording, tmp_path / "episode.mp4", fps=10)
@@ -281,7 +281,7 @@ def test_mp4_is_a_film(tmp_path, recording):
     assert probe.strip() == f"h264,{recording.num_steps + 1 + 15}"
 
 
-def test_mp4_that_cannot_be_made_says_why(tmp_path, recording, monkeypatch):
+def test_mp4_error_states_its_cause(tmp_path, recording, monkeypatch):
     with pytest.raises(ValueError, match=r"\.mp4"):
         save_mp4(recording, tmp_path / "episode.gif")
     with pytest.raises(ValueError, match="fps=90"):
@@ -304,7 +304,7 @@ def write_log(folder, rate):
         writer.writerows([[100 * i, rate, 2] for i in range(1, 4)])
 
 
-def test_curves_take_runs_of_a_name_for_seeds(tmp_path):
+def test_curves_treat_runs_of_one_name_as_seeds(tmp_path):
     for name, rate in (("paper_seed_0", 0.2), ("paper_seed_1", 0.6), ("no_tagd_seed_0", 0.4)):
         write_log(tmp_path / name, rate)
     (file,) = pictures.curves([tmp_path], tmp_path / "curves", [".svg"])

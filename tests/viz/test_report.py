@@ -28,7 +28,7 @@ def embedded(page, name):
     return json.loads(re.search(pattern, page.read_text(), re.S)[1])
 
 
-def test_the_page_says_who_is_better_and_by_how_much(page):
+def test_page_states_the_best_policy_and_difference(page):
     text = page.read_text()
     assert "paper succeeds in 91.7 % [64.6, 98.5] of 12 episodes" in text
     next_best = (
@@ -73,7 +73,7 @@ def test_measures_are_over_successes_and_paired(tmp_path):
     assert "mean over 2 episodes where all succeed" in page.read_text()
 
 
-def test_latencies_stand_among_the_measures(tmp_path):
+def test_latencies_are_listed_among_the_measures(tmp_path):
     write_evaluation(tmp_path / "a", "paper", [WON, HIT])
     latency = {"calls": 40, "mean_ms": 1.5, "median_ms": 1.4, "p95_ms": 2.2, "max_ms": 3.0}
     (tmp_path / "a" / "latency.json").write_text(json.dumps(latency))
@@ -82,7 +82,7 @@ def test_latencies_stand_among_the_measures(tmp_path):
     assert found[:4] == ["lower", "paper", "2.2", "40 decisions"]
 
 
-def test_without_the_reference_the_best_fair_one_is_compared_with(tmp_path):
+def test_default_reference_is_the_best_non_privileged(tmp_path):
     for policy, wins in (("dwa", 2), ("liang", 9), ("oracle", 12), ("subgoal", 3)):
         write_evaluation(tmp_path / policy, policy, [WON] * wins + [HIT] * (12 - wins))
     text = write_report([tmp_path], tmp_path / "report.html").read_text()
@@ -95,11 +95,11 @@ def test_without_the_reference_the_best_fair_one_is_compared_with(tmp_path):
     assert "success vs dwa, points" in text and "Differences are to dwa." in text
 
 
-def test_collisions_are_told_apart_by_who_moved_and_what_was_touched(tmp_path):
+def test_collisions_are_labeled_by_party_and_object(tmp_path):
     folder = tmp_path / "paper"
     write_evaluation(folder, "paper", [WON] + [HIT] * 3 + ["collision_static"] * 3 + [LATE])
-    names = ("run_into", "moved_into_pedestrian", "collision_wall", "collision_furniture")
-    told = {1: "run_into", 2: "moved_into_pedestrian", 4: "collision_wall"}
+    names = ("hit_by_pedestrian", "moved_into_pedestrian", "collision_wall", "collision_furniture")
+    told = {1: "hit_by_pedestrian", 2: "moved_into_pedestrian", 4: "collision_wall"}
     told[5] = "collision_furniture"
     with (folder / "episodes.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -126,7 +126,7 @@ def test_collisions_are_told_apart_by_who_moved_and_what_was_touched(tmp_path):
     assert len({bar["marker"]["color"] for bar in bars.values()}) == len(bars)
 
 
-def test_without_recordings_the_page_says_how_to_make_them(tmp_path):
+def test_page_without_recordings_states_how_to_create_them(tmp_path):
     folder = tmp_path / "speed=0.2,0.2" / "paper"
     write_evaluation(folder, "paper", [WON, HIT])
     write_evaluation(tmp_path / "dwa", "dwa", [WON, HIT])
@@ -138,7 +138,7 @@ def test_without_recordings_the_page_says_how_to_make_them(tmp_path):
     ) in text
 
 
-def test_what_was_played_again_to_record_it_counts_once(tmp_path, lost):
+def test_repeated_recordings_count_once(tmp_path, lost):
     write_evaluation(tmp_path / "paper", "paper", [HIT, WON])
     write_evaluation(tmp_path / "paper_recorded", "paper", [HIT, WON])
     (tmp_path / "paper_recorded" / "recordings").mkdir()
@@ -151,7 +151,7 @@ def test_what_was_played_again_to_record_it_counts_once(tmp_path, lost):
     assert len(find_sources([tmp_path], num_episodes=3).evaluations) == 2
 
 
-def test_all_but_three_suites_are_folded_with_their_headline(tmp_path):
+def test_only_three_suites_are_initially_expanded(tmp_path):
     for i in range(5):
         outcomes = [WON] * (i + 1) + [HIT] * (5 - i)
         write_evaluation(tmp_path / str(i), "paper", outcomes, suite=f"speed_{i}")
@@ -163,7 +163,7 @@ def test_all_but_three_suites_are_folded_with_their_headline(tmp_path):
     ]
 
 
-def test_the_page_needs_nothing_else_and_names_end_no_element(page):
+def test_page_is_self_contained_and_escaped(page):
     from plotly.offline import get_plotlyjs
 
     text = page.read_text().replace(get_plotlyjs(), "")
@@ -173,7 +173,7 @@ def test_the_page_needs_nothing_else_and_names_end_no_element(page):
     assert any("evil" in str(f) for f in embedded(page, "figures").values())
 
 
-def test_episodes_are_what_was_recorded(page, lost):
+def test_episodes_equal_the_recordings(page, lost):
     first, second = embedded(page, "episodes")
     assert "collision with a wall" in first["name"] and "success" in second["name"]
     assert np.allclose(first["pose"], lost.pose, atol=1e-4)
@@ -186,7 +186,7 @@ def test_episodes_are_what_was_recorded(page, lost):
     assert first["story"].startswith(f"The robot hit a wall after {seconds:.1f} s; contact was ")
 
 
-def test_a_story_tells_who_moved_into_whom_and_where(recording):
+def test_description_names_the_at_fault_party(recording):
     x, y, yaw = recording.pose[-1]
     pedestrian = np.full_like(recording.pedestrian_boxes, np.nan)
     at = yaw + np.radians(40)
@@ -197,10 +197,14 @@ def test_a_story_tells_who_moved_into_whom_and_where(recording):
         return episode_data("played", dataclasses.replace(hit, **changes), row)["story"]
 
     assert told(contact=Contact.PEDESTRIAN).startswith("The robot moved into a pedestrian after ")
-    assert told(contact=Contact.RUN_INTO).startswith("A pedestrian moved into the robot after ")
-    assert "; contact was 40° to the left of the robot's heading." in told(contact=Contact.RUN_INTO)
+    assert told(contact=Contact.HIT_BY_PEDESTRIAN).startswith(
+        "A pedestrian moved into the robot after "
+    )
+    assert "; contact was 40° to the left of the robot's heading." in told(
+        contact=Contact.HIT_BY_PEDESTRIAN
+    )
     assert "the at-fault party was not recorded" in told(contact=None)
-    row = {"outcome": HIT, "run_into": "1", "moved_into_pedestrian": "0"}
+    row = {"outcome": HIT, "hit_by_pedestrian": "1", "moved_into_pedestrian": "0"}
     assert told(row, contact=None).startswith("A pedestrian moved into the robot after ")
     scenario = json.loads(recording.scenario)
     static = {"outcome": "collision_static", "contact": Contact.STATIC}
@@ -211,14 +215,14 @@ def test_a_story_tells_who_moved_into_whom_and_where(recording):
     assert told(outcome="timeout", contact=0).startswith("The time limit was reached after ")
 
 
-def test_a_limit_keeps_lost_episodes_and_says_so(folder, tmp_path):
+def test_episode_limit_keeps_failures_and_is_stated(folder, tmp_path):
     file = write_report([folder], tmp_path / "short.html", num_episodes=1)
     (only,) = embedded(file, "episodes")
     assert only["outcome"] == "collision_static"
     assert "1 of 2 recorded episodes" in file.read_text()
 
 
-def test_policies_take_turns_and_give_their_episodes_their_names(tmp_path, lost):
+def test_episodes_alternate_between_policies(tmp_path, lost):
     for policy, count in (("dwa", 5), ("paper", 2)):
         recordings = tmp_path / policy / "recordings"
         recordings.mkdir(parents=True)
@@ -265,7 +269,7 @@ def test_success_over_speed_is_shown_for_each_world_and_for_all(tmp_path):
     assert figure.layout.xaxis3.title.text.startswith("pedestrian speed in m/s")
 
 
-def test_fourteen_names_look_different(tmp_path):
+def test_fourteen_policies_have_distinct_styles(tmp_path):
     from navrl.viz.report import charts
 
     for i in range(14):
@@ -290,7 +294,7 @@ def test_fourteen_names_look_different(tmp_path):
     assert len({(t.marker.color, t.marker.pattern.shape) for t in bars}) == 14
 
 
-def test_mistakes_are_one_line(tmp_path, capsys):
+def test_errors_are_one_line(tmp_path, capsys):
     for arguments, words in (
         ([str(tmp_path / "nowhere")], "no such folder"),
         ([str(tmp_path)], "no evaluation, no training and no recorded episode"),
@@ -304,7 +308,7 @@ def test_mistakes_are_one_line(tmp_path, capsys):
         assert line.startswith("navrl: ") and words in line
 
 
-def test_without_plotly_it_says_what_to_install(folder, tmp_path, monkeypatch):
+def test_missing_plotly_is_named(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
     with pytest.raises(ImportError, match=r"-e '\.\[report\]"):
         write_report([folder], tmp_path / "report.html")

@@ -33,7 +33,7 @@ def scene(browser, name):
     return browser.evaluate(f"(() => {{ const t = {data}; return t && [t.x, t.y]; }})()")
 
 
-def test_the_slider_moves_the_robot_and_what_it_saw(browser, lost):
+def test_slider_moves_the_robot_and_the_scan(browser, lost):
     for step in (0, 7, lost.num_steps):
         to_step(browser, step)
         x, y = scene(browser, "robot's way")
@@ -110,7 +110,7 @@ def test_tables_sort_by_a_click(browser):
     assert browser.errors == []
 
 
-def test_figures_show_numbers_where_the_mouse_is(browser):
+def test_figures_show_numbers_on_hover(browser):
     drawn = browser.evaluate(
         "[...document.querySelectorAll('figure .plot')].map((p) => p.data.length)"
     )
@@ -128,7 +128,7 @@ def test_figures_show_numbers_where_the_mouse_is(browser):
 @pytest.fixture
 def two(tmp_path, chromium, recording, lost):
     """A page open in the browser: paper won one of two, dwa was run into and hit a wall."""
-    hit = dataclasses.replace(lost, outcome=HIT, contact=Contact.RUN_INTO)
+    hit = dataclasses.replace(lost, outcome=HIT, contact=Contact.HIT_BY_PEDESTRIAN)
     won = dataclasses.replace(lost, outcome=WON, contact=Contact.NONE)
     for policy, episodes in (("paper", (hit, won)), ("dwa", (hit, lost))):
         outcomes = [episode.outcome for episode in episodes]
@@ -145,7 +145,7 @@ def text_of(browser, selector):
     return browser.evaluate(f"document.querySelector({selector!r}).textContent")
 
 
-def test_the_page_of_two_evaluations_says_what_was_tested(two):
+def test_page_of_two_evaluations_describes_the_test(two):
     verdict = text_of(two, ".verdict")
     assert verdict.startswith("paper succeeds in 50.0 % [9.5, 90.5] of 2 episodes. On the same 2")
     assert (
@@ -193,7 +193,7 @@ def click_on_heatmap(browser, across, down):
         browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **at)
 
 
-def test_the_legend_names_what_is_drawn_and_the_end_is_marked(two, lost):
+def test_legend_names_drawn_objects_and_end_is_marked(two, lost):
     two.wait("document.getElementById('story').textContent.startsWith('A pedestrian moved')")
     legend = text_of(two, "#legend")
     for name in ("robot", "goal", "global path", "pedestrian", "scan", "TAGD"):

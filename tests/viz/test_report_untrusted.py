@@ -54,7 +54,7 @@ def test_worlds_and_changes_are_escaped_in_figures(tmp_path):
     assert "&lt;b&gt;corridor" in shown and "&#37;{x}office" in shown
 
 
-def test_an_outcome_of_a_recording_is_no_markup(lost):
+def test_outcome_of_a_recording_is_escaped(lost):
     if shutil.which("node") is None:
         pytest.skip("needs node")
     episode = episode_data("a", dataclasses.replace(lost, outcome=MARKUP))
@@ -70,7 +70,7 @@ def test_an_outcome_of_a_recording_is_no_markup(lost):
     assert "<img" not in done.stdout and "&lt;img" in done.stdout
 
 
-def test_the_legend_escapes_what_it_is_given():
+def test_legend_is_escaped():
     """As above without a JavaScript engine: the only text of a file passes ``literal``."""
     place = page_module.__file__.replace("page.py", "drawing.js")
     with open(place) as file:
@@ -81,13 +81,13 @@ def test_the_legend_escapes_what_it_is_given():
             assert "innerHTML" not in file.read()
 
 
-def test_embedded_numbers_cannot_end_their_script():
+def test_embedded_data_cannot_close_the_script():
     text = page_module._embedded({"a": "</script><!--<script>&"})
     assert not set("<>&") & set(text)
     assert json.loads(text) == {"a": "</script><!--<script>&"}
 
 
-def test_formulas_of_a_name_stay_text_in_spreadsheets(tmp_path):
+def test_formulas_in_names_are_text_in_spreadsheets(tmp_path):
     write_evaluation(tmp_path / "a", "=1+1", [WON, HIT], time_to_goal_s="{time}")
     tables = compare(find_evaluations([tmp_path]))
     for text in (comma_separated(tables), metrics_comma_separated(tables)):
@@ -95,7 +95,7 @@ def test_formulas_of_a_name_stay_text_in_spreadsheets(tmp_path):
     assert ",0.5," in comma_separated(tables)
 
 
-def test_dollars_in_a_name_are_no_formula(tmp_path):
+def test_dollars_in_names_are_literal(tmp_path):
     folder = tmp_path / r"a$\no_such_command{$b"
     write_text(folder / "metrics.csv", "frames,evaluation/success_rate\n1,0.5\n2,0.6\n")
     (file,) = plot_curves([folder / "metrics.csv"], tmp_path / "curves", formats=[".svg"])

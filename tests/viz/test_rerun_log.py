@@ -1,4 +1,4 @@
-"""What is written for rerun, read back with rerun: where it was, when, and in its colour."""
+"""What is written for rerun, read back with rerun: where it was, when, and in its color."""
 
 import dataclasses
 import sys
@@ -62,13 +62,13 @@ def same_angle(a, b):
     return np.allclose(np.exp(1j * a), np.exp(1j * b), atol=1e-5)
 
 
-def test_heights_are_those_of_the_simulator():
+def test_heights_equal_the_simulators():
     for name in ("WALL_HEIGHT", "PEDESTRIAN_HEIGHT", "ROBOT_HEIGHT"):
         assert getattr(rerun_log, name) == getattr(bullet_scene, name)
     assert Lidar().height == rerun_log.SCAN_HEIGHT
 
 
-def test_a_row_a_step_on_both_timelines(written, recording):
+def test_both_timelines_have_one_row_per_step(written, recording):
     steps = recording.num_steps
     assert {"/world/robot", "/world/way", "/world/pedestrians"} <= set(written.moving)
     for entity, columns in written.moving.items():
@@ -78,7 +78,7 @@ def test_a_row_a_step_on_both_timelines(written, recording):
         assert np.allclose(seconds, np.arange(count) * recording.time_step_s, atol=1e-9), entity
 
 
-def test_walls_path_and_goal_stand_still(written, recording):
+def test_walls_path_and_goal_are_static(written, recording):
     walls = recording.walls
     assert np.allclose(written.only("/world/walls", "centers")[:, :2], walls[:, :2], atol=1e-5)
     half = written.only("/world/walls", "half_sizes")
@@ -105,7 +105,7 @@ def test_pedestrians_are_boxes_where_they_were(written, recording):
         assert same_angle(yaw, there[:, 4])
 
 
-def test_the_robot_drives_and_leaves_its_way(written, recording):
+def test_robot_and_its_trajectory_are_logged(written, recording):
     pose = recording.pose
     place = np.concatenate(written.rows("/world/robot", "translation"))
     assert np.allclose(place[:, :2], pose[:, :2], atol=1e-5) and np.allclose(place[:, 2], 0.0)
@@ -166,7 +166,7 @@ def test_commands_and_rewards_are_curves(written, recording):
     assert written.still["/__properties/episode"]["outcome"] == [[recording.outcome]]
 
 
-def test_what_was_not_recorded_is_left_out(recording, tmp_path):
+def test_unrecorded_data_is_omitted(recording, tmp_path):
     pytest.importorskip("rerun", reason=NEEDS_RERUN)
     names = ("points", "points_aligned", "tagd", "tagd_valid")
     names += ("spatial_attention", "temporal_attention")
@@ -184,7 +184,7 @@ def test_what_was_not_recorded_is_left_out(recording, tmp_path):
     assert np.allclose(rgba(written.rows("/world/scan", "colors")[3]), to_rgba(BLACK))
 
 
-def test_the_picture_is_a_file_a_recording(recording, tmp_path):
+def test_picture_is_one_file_per_recording(recording, tmp_path):
     pytest.importorskip("rerun", reason=NEEDS_RERUN)
     for name in ("four/a/episode.npz", "four/b/episode.npz"):
         (tmp_path / name).parent.mkdir(parents=True)
@@ -199,7 +199,7 @@ def test_the_picture_is_a_file_a_recording(recording, tmp_path):
     assert [str(*name) for name in names] == ["a/episode", "b/episode"]
 
 
-def test_what_cannot_be_written_says_why(recording, tmp_path, monkeypatch):
+def test_write_error_states_its_cause(recording, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"\.rrd"):
         save_rrd(recording, tmp_path / "episode.gif")
     monkeypatch.setitem(sys.modules, "rerun", None)
@@ -207,7 +207,7 @@ def test_what_cannot_be_written_says_why(recording, tmp_path, monkeypatch):
         save_rrd(recording, tmp_path / "episode.rrd")
 
 
-def test_the_command_says_it_in_a_line(recording, tmp_path, monkeypatch, capsys):
+def test_command_error_is_one_line(recording, tmp_path, monkeypatch, capsys):
     recording.save(tmp_path / "episode.npz")
     monkeypatch.setitem(sys.modules, "rerun", None)
     words = f"source={tmp_path / 'episode.npz'}", f"hydra.run.dir={tmp_path / 'run'}"

@@ -31,7 +31,7 @@ def collections(axes, kind, weighted=True):
 
 
 def arrows(axes, color):
-    """Start and vector of the arrows of a colour, world."""
+    """Start and vector of the arrows of a color, world."""
     wanted = tuple(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
     for quiver in axes.collections:
         if isinstance(quiver, Quiver) and np.allclose(quiver.get_facecolor()[0, :3], wanted):
@@ -52,7 +52,7 @@ def step(request, recording):
     return {"start": 0, "middle": recording.num_steps // 2}[request.param]
 
 
-def test_lidar_points_lie_on_what_they_hit(recording, step):
+def test_lidar_points_lie_on_obstacle_surfaces(recording, step):
     (dots,) = [line for line in drawn(recording, step).lines if line.get_marker() == "."]
     points = np.stack(dots.get_data(), axis=-1)
     boxes = [*recording.walls, *recording.pedestrian_boxes[step]]
@@ -60,10 +60,10 @@ def test_lidar_points_lie_on_what_they_hit(recording, step):
     nearest = np.min([distance_to_box(points, box) for box in boxes], axis=0)
     assert dots.get_color() == BLACK
     assert len(points) > 50
-    assert np.quantile(nearest, 0.95) < 0.12  # noise, and the pooled point is at its bin's centre
+    assert np.quantile(nearest, 0.95) < 0.12  # noise, and the pooled point is at its bin's center
 
 
-def test_sectors_point_where_their_beams_do(recording, step):
+def test_sectors_match_their_beams(recording, step):
     (sectors,) = collections(drawn(recording, step, ["spatial"]), PolyCollection)
     x, y, yaw = recording.pose[step]
     for i, path in enumerate(sectors.get_paths()):
@@ -93,7 +93,7 @@ def test_rays_end_at_the_descriptors(recording, step):
             )
 
 
-def test_descriptor_arrows_show_motion_seen_and_no_other(recording):
+def test_descriptor_arrows_show_measured_motion_only(recording):
     step = recording.num_steps // 2
     valid = recording.tagd_valid[step].copy()
     valid[0] = [False, True]
@@ -111,7 +111,7 @@ def test_descriptor_arrows_show_motion_seen_and_no_other(recording):
     )
 
 
-def test_velocity_arrows_end_where_people_will_be(recording):
+def test_velocity_arrows_end_at_predicted_positions(recording):
     step = recording.num_steps // 2
     boxes, dt = recording.pedestrian_boxes, recording.time_step_s
     start, vector = arrows(drawn(recording, step), ORANGE)
@@ -139,7 +139,7 @@ def test_no_attention_after_the_last_decision(recording):
     assert not collections(axes, LineCollection)
 
 
-def test_what_was_not_recorded_is_left_out(recording):
+def test_unrecorded_data_is_omitted(recording):
     bare = dataclasses.replace(
         recording,
         points=None,

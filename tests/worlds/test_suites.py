@@ -37,25 +37,25 @@ def social():
     return [distribution.sample("some", 0, index) for index in range(160)]
 
 
-def test_scores_that_were_published_are_of_these_episodes():
+def test_published_scores_are_of_the_frozen_episodes():
     """The hashes in the results, which no change of the code may change."""
     assert suite("suite=table1_200").hash() == TABLE1_200
     assert suite("suite=validation").hash().startswith(VALIDATION)
 
 
 @pytest.mark.parametrize("entry", frozen_suites(), ids=lambda entry: entry.suite.name)
-def test_every_frozen_suite_is_generated_again(entry):
+def test_frozen_suites_are_reproduced(entry):
     scenarios = entry.suite.scenarios([0, 1, entry.suite.num_episodes - 1])  # checked as they come
     assert [scenario.seed for scenario in scenarios] == [entry.suite.seed] * 3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", frozen_suites(), ids=lambda entry: entry.suite.name)
-def test_every_episode_of_every_frozen_suite_is_generated_again(entry):
+def test_all_frozen_episodes_are_reproduced(entry):
     check_frozen(entry)
 
 
-def test_what_is_frozen_is_what_can_be_played():
+def test_every_frozen_suite_can_be_played():
     assert {entry.suite.name for entry in frozen_suites()} == set(frozen_names())
     files = {path.stem for path in (CONF_DIR / "suite").glob("*.yaml")}
     assert {"table1", "table1_200", "validation", "open_space", "social"} <= files
@@ -66,7 +66,7 @@ def test_what_is_frozen_is_what_can_be_played():
     ["suite.seed=7", "suite.distribution.num_dynamic=[3,3]", "suite.distribution.speed=[0.7,0.7]"],
 )
 @pytest.mark.parametrize("indices", [None, [3]], ids=["all", "one"])
-def test_another_episode_under_a_frozen_name_is_refused(change, indices):
+def test_modified_episode_of_a_frozen_suite_is_rejected(change, indices):
     with pytest.raises(FrozenSuiteError, match=r"suite table1, version 1.*expected .*found ") as it:
         suite("suite=table1_200", change).scenarios(indices)
     assert "suite.version=null" in str(it.value)
@@ -74,7 +74,7 @@ def test_another_episode_under_a_frozen_name_is_refused(change, indices):
     assert suite("suite=table1_200", change, "suite.version=null").scenarios([3])
 
 
-def test_the_error_of_a_whole_suite_names_both_hashes():
+def test_suite_error_names_both_hashes():
     changed = suite("suite=validation", "suite.seed=7")
     unchecked = suite("suite=validation", "suite.seed=7", "suite.version=null")
     with pytest.raises(FrozenSuiteError) as it:
@@ -82,7 +82,7 @@ def test_the_error_of_a_whole_suite_names_both_hashes():
     assert unchecked.hash() in str(it.value) and VALIDATION in str(it.value)
 
 
-def test_one_altered_number_is_found():
+def test_single_altered_number_is_detected():
     scenarios = suite("suite=smoke").scenarios()
     frozen = FrozenEpisodes.of("mine", 1, scenarios)
     frozen.check(range(6), scenarios)
@@ -101,7 +101,7 @@ def test_one_altered_number_is_found():
         ("suite.num_episodes=1001", "has 1000 episodes, episode 1000 is not frozen"),
     ],
 )
-def test_what_is_not_frozen_is_told(change, words):
+def test_unfrozen_suite_is_reported(change, words):
     with pytest.raises(FrozenSuiteError, match=words):
         suite("suite=table1", change).scenarios([0, suite("suite=table1", change).num_episodes - 1])
 
@@ -128,7 +128,7 @@ def test_frozen_episodes_are_never_replaced(tmp_path, monkeypatch):
         frozen_episodes.cache_clear()
 
 
-def test_the_command_lists_and_tells_apart(capsys):
+def test_command_lists_and_compares_suites(capsys):
     assert main(["list", "table1", "validation"]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert [line.split()[:3] for line in shown] == [
@@ -170,7 +170,7 @@ def test_the_speed_sweep_varies_the_speed_alone(kind):
 
 
 @pytest.mark.parametrize("kind", ["corridor", "intersection", "office"])
-def test_the_density_sweep_adds_walkers_and_changes_nothing_else(kind):
+def test_density_sweep_only_adds_pedestrians(kind):
     levels = [
         suite(f"suite=density_{kind}", f"suite.distribution.keep_dynamic={n}").scenarios([5])[0]
         for n in (1, 2, 4, 6, 8)
@@ -184,7 +184,7 @@ def test_the_density_sweep_adds_walkers_and_changes_nothing_else(kind):
         assert dataclasses.replace(full, pedestrians=kept).to_json() == level.to_json()
 
 
-def test_every_suite_knows_the_key_of_the_density_sweep():
+def test_every_suite_has_the_key_of_the_density_sweep():
     """Hydra composes the default suite with what ``-m suite=density_corridor,...`` overrides."""
     assert suite("suite.distribution.keep_dynamic=1").distribution.keep_dynamic == 1
 
@@ -196,7 +196,7 @@ def test_open_space_is_table1_without_walls():
 
 
 @pytest.mark.parametrize("name, levels", [("speed", 5), ("density", 5)])
-def test_a_sweep_by_one_word_plays_frozen_suites(name, levels):
+def test_one_word_sweep_plays_frozen_suites(name, levels):
     found = [e for e in frozen_suites() if e.suite.name.startswith(f"{name}_")]
     assert len(found) == 3 * levels
     assert {e.suite.num_episodes for e in found} == {1000}
@@ -215,7 +215,7 @@ def clearance(points, boxes, half=0.0):
     return np.linalg.norm(gap.clip(min=0), axis=-1).min()
 
 
-def test_cards_are_sound(social):
+def test_cards_are_valid(social):
     for one in social:
         assert clearance(one.path, one.boxes) > ROBOT_RADIUS + 0.02, one.kind
         now = pedestrian_boxes(ScenarioBatch.pack([one]), torch.zeros(1))[0]
@@ -240,13 +240,13 @@ def nearest_approach(one, pace):
 
 
 @pytest.mark.parametrize("kind", CARDS)
-def test_whoever_only_follows_the_path_meets_somebody(social, kind):
+def test_path_followers_meet_a_pedestrian(social, kind):
     """Within 0.4 m of their middles, at some pace the card expects: it is no empty world."""
     mine = [one for one in social if one.kind == kind]
     met = [min(nearest_approach(one, pace) for pace in (0.7, 0.8, 0.9, 1.0)) < 0.4 for one in mine]
     assert np.mean(met) >= 0.8
 
 
-def test_cards_are_mirrored_every_other_time(social):
+def test_cards_alternate_between_mirror_images(social):
     starts = np.array([one.start[1] for one in social if one.kind == "narrow_doorway"])
     assert (starts[::2] > 0).all() and (starts[1::2] < 0).all()

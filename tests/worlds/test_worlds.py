@@ -45,7 +45,7 @@ def box_distance(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("kind", WORLDS)
 @settings(max_examples=40, deadline=None)
 @given(index=st.integers(0, 10**6))
-def test_every_scenario_is_sound(kind, index):
+def test_every_scenario_is_valid(kind, index):
     scenario = distribution(kind, num_dynamic=(2, 8)).sample("sound", 1, index)
     path, boxes = scenario.path, scenario.boxes
     assert scenario.kind == kind
@@ -63,7 +63,7 @@ def test_every_scenario_is_sound(kind, index):
 @pytest.mark.parametrize("kind", WORLDS)
 @settings(max_examples=25, deadline=None)
 @given(index=st.integers(0, 10**6))
-def test_pedestrians_keep_off_walls_and_off_the_start(kind, index):
+def test_pedestrians_keep_distance_from_walls_and_start(kind, index):
     scenario = distribution(kind, num_dynamic=(3, 8)).sample("people", 1, index)
     for person in scenario.pedestrians:
         route = person.route
@@ -82,7 +82,7 @@ def test_pedestrians_keep_off_walls_and_off_the_start(kind, index):
     assert near < 0.3, "the first pedestrian walks the robot's own path"
 
 
-def test_dimensions_are_the_papers():
+def test_dimensions_equal_the_papers():
     for index in range(30):
         corridor = clear_size(distribution("corridor").sample("size", 0, index).boxes)
         assert 6.0 <= corridor.max() <= 8.0
@@ -109,7 +109,7 @@ def test_counts_follow_their_ranges():
         assert sorted(s, key=lambda p: p.is_static) == list(s)
 
 
-def test_same_numbers_same_scenario_in_another_process_and_for_any_worker_count():
+def test_scenario_does_not_depend_on_processes():
     suite = Suite("same", 3, 40, distribution())
     alone = suite.scenarios()
     assert [s.to_json() for s in suite.scenarios(num_workers=2)] == [s.to_json() for s in alone]
@@ -124,7 +124,7 @@ def test_same_numbers_same_scenario_in_another_process_and_for_any_worker_count(
     assert other.stdout.strip() == suite.hash()
 
 
-def test_a_hash_forgives_the_last_bit_and_nothing_more():
+def test_hash_tolerates_only_the_last_bit():
     """Processors differ in an arctangent's last bit: one episode of twenty has another yaw."""
     scenario = distribution().sample("bits", 0, 1)
 
@@ -139,7 +139,7 @@ def test_a_hash_forgives_the_last_bit_and_nothing_more():
 
 
 @pytest.mark.parametrize("core", ["Prescott", "SkylakeX"])
-def test_scenarios_do_not_hang_on_how_a_blas_rounds(core):
+def test_scenarios_do_not_depend_on_blas_rounding(core):
     """An episode whose people differed when a vector's length was left to BLAS."""
     code = (
         "from navrl.config import compose, instantiate\n"
@@ -201,7 +201,7 @@ def walk(route, offset, speed, duration, step=1e-4):
     return np.array([np.interp(along, ends, route[:, k]) for k in range(2)])
 
 
-def test_a_level_keeps_some_of_the_dynamic_and_all_of_the_static():
+def test_level_limits_dynamic_pedestrians_only():
     batch = ScenarioBatch.pack(
         [distribution(num_dynamic=(8, 8)).sample("level", 0, k) for k in range(4)]
     )
@@ -265,7 +265,7 @@ def test_daemonic_process_generates_without_children(monkeypatch):
     assert len(Suite("train", 0, 40, distribution("corridor")).scenarios(num_workers=2)) == 40
 
 
-def test_batch_names_the_kinds_it_holds():
+def test_batch_lists_its_kinds():
     scenarios = [
         dataclasses.replace(distribution("office").sample("test", 0, 0), kind=kind)
         for kind in ("maze", "attic")

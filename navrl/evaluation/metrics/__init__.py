@@ -1,5 +1,6 @@
 """Metrics: pure functions of trajectories, each with unit, definition and source."""
 
+from navrl.deprecation import renamed_attributes
 from navrl.evaluation.metrics.efficiency import (
     duration,
     path_length,
@@ -13,8 +14,8 @@ from navrl.evaluation.metrics.ending import (
     collision,
     collision_furniture,
     collision_wall,
+    hit_by_pedestrian,
     moved_into_pedestrian,
-    run_into,
     success,
     timeout,
 )
@@ -40,15 +41,19 @@ from navrl.evaluation.metrics.people import (
 from navrl.evaluation.metrics.table import (
     METRICS,
     OF_ERROR,
+    RENAMED,
     markdown_table,
     measure,
     values_of_error,
 )
 from navrl.evaluation.metrics.trajectory import Trajectory
 
+__getattr__ = renamed_attributes(__name__, {"run_into": "hit_by_pedestrian"})
+
 __all__ = [
     "METRICS",
     "OF_ERROR",
+    "RENAMED",
     "Metric",
     "Trajectory",
     "beyond_intimate",
@@ -59,6 +64,7 @@ __all__ = [
     "controller_latency",
     "cumulative_heading_change",
     "duration",
+    "hit_by_pedestrian",
     "markdown_table",
     "max_acceleration",
     "max_jerk",
@@ -72,7 +78,6 @@ __all__ = [
     "min_time_to_collision",
     "moved_into_pedestrian",
     "path_length",
-    "run_into",
     "speeds",
     "spl",
     "stalled_time",

@@ -22,6 +22,10 @@ def controller_latency(decision_s: Sequence[float]) -> dict[str, float]:
     Raises:
         ValueError: If there are no values.
 
+    Example:
+        >>> controller_latency([0.001, 0.002, 0.006])["mean_ms"]
+        3.0
+
     Reference:
         Computation time, the most common addition to the metrics of Francis et al. 2023.
     """

@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,12 +26,12 @@ class Metric:
     Args:
         name: Column of ``episodes.csv``.
         unit: SI; ``1`` of a share or of 0 and 1.
-        function: From E episodes to ``[E]`` numbers; NaN where it is not defined.
+        function: Maps E episodes to ``[E]`` numbers; NaN where it is not defined.
         better: ``higher`` or ``lower``; empty where neither is.
         compared: Whether ``navrl-compare`` and reports list it.
         over: ``successes`` of what grows with an episode's length, so that comparisons need a
             reached goal; ``episodes`` of anything else.
-        label: Of the ending that the metric marks, for tables and pictures; empty of other metrics.
+        label: Label of the outcome that the metric marks, for tables and pictures; else empty.
         color: ``#RRGGBB`` of that ending.
         is_rate: Whether it is 0 or 1 in each episode.
         of_error: Value of an episode that raised; ``None`` if it is not defined then. 0 of a rate.
@@ -113,7 +114,7 @@ class Metric:
         return {name: getattr(self, name) for name in names}
 
     @classmethod
-    def from_facts(cls, name: str, facts: Mapping[str, object]) -> Metric:
+    def from_facts(cls, name: str, facts: Mapping[str, Any]) -> Metric:
         """Rebuild from :meth:`facts`, without the function; more keys are ignored.
 
         Raises:

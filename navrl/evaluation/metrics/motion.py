@@ -12,13 +12,22 @@ from navrl.evaluation.metrics.trajectory import Trajectory, largest, mean, total
 
 
 def speeds(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E, T]`` m/s, distance over time of each step, never negative."""
+    """Return ``[E, T]`` m/s, distance over time of each step, never negative.
+
+    Example:
+        >>> speeds(Trajectory.of_positions([(0, 0), (1, 0), (0, 0)], time_step_s=0.5))
+        array([[2., 2.]])
+    """
     moved = np.linalg.norm(np.diff(trajectory.pose[..., :2], axis=1), axis=-1)
     return moved / trajectory.time_step_s
 
 
 def mean_speed(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m/s, distance over time, mean of whole steps.
+
+    Example:
+        >>> mean_speed(Trajectory.of_positions([(0, 0), (1, 0), (4, 0)], time_step_s=1.0))
+        array([2.])
 
     Reference:
         V_avg of Francis et al. 2023 (arXiv 2306.16740).
@@ -29,6 +38,10 @@ def mean_speed(trajectory: Trajectory) -> np.ndarray:
 def max_speed(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m/s, distance over time, the largest of whole steps.
 
+    Example:
+        >>> max_speed(Trajectory.of_positions([(0, 0), (1, 0), (4, 0)], time_step_s=1.0))
+        array([3.])
+
     Reference:
         V_max of Francis et al. 2023.
     """
@@ -37,6 +50,11 @@ def max_speed(trajectory: Trajectory) -> np.ndarray:
 
 def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m/s^2, the mean absolute acceleration, including braking.
+
+    Example:
+        >>> drive = [(0, 0), (1, 0), (4, 0), (5, 0)]  # 1, 3 and 1 m/s
+        >>> mean_acceleration(Trajectory.of_positions(drive, time_step_s=1.0))
+        array([2.])
 
     Reference:
         A_avg of Francis et al. 2023.
@@ -47,6 +65,11 @@ def mean_acceleration(trajectory: Trajectory) -> np.ndarray:
 def max_acceleration(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m/s^2, the maximum absolute acceleration, including braking.
 
+    Example:
+        >>> drive = [(0, 0), (1, 0), (2, 0), (5, 0)]  # 1, 1 and 3 m/s
+        >>> max_acceleration(Trajectory.of_positions(drive, time_step_s=1.0))
+        array([2.])
+
     Reference:
         A_max of Francis et al. 2023.
     """
@@ -55,6 +78,11 @@ def max_acceleration(trajectory: Trajectory) -> np.ndarray:
 
 def mean_jerk(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m/s^3, the mean absolute jerk.
+
+    Example:
+        >>> drive = [(0, 0), (1, 0), (4, 0), (5, 0)]  # 1, 3 and 1 m/s; 2 and -2 m/s^2
+        >>> mean_jerk(Trajectory.of_positions(drive, time_step_s=1.0))
+        array([4.])
 
     Reference:
         J_avg of Francis et al. 2023.
@@ -65,6 +93,11 @@ def mean_jerk(trajectory: Trajectory) -> np.ndarray:
 def max_jerk(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m/s^3, the maximum absolute jerk.
 
+    Example:
+        >>> drive = [(0, 0), (1, 0), (4, 0), (5, 0), (6, 0)]  # 2, -2 and 0 m/s^2
+        >>> max_jerk(Trajectory.of_positions(drive, time_step_s=1.0))
+        array([4.])
+
     Reference:
         J_max of Francis et al. 2023.
     """
@@ -73,6 +106,11 @@ def max_jerk(trajectory: Trajectory) -> np.ndarray:
 
 def cumulative_heading_change(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` rad, the sum of absolute heading changes between samples.
+
+    Example:
+        >>> drive = [(0, 0), (1, 0), (2, 0)]
+        >>> cumulative_heading_change(Trajectory.of_positions(drive, yaw=[0.0, 0.5, 0.25]))
+        array([0.75])
 
     Reference:
         CHC of HuNavSim (Perez-Higueras et al. 2023). A turn of more than pi per step would be

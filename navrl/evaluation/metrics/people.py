@@ -16,16 +16,27 @@ PERSONAL_M = 1.2
 def min_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m, the minimum distance to a pedestrian; infinite without pedestrians.
 
+    Example:
+        >>> drive = [(0, 0), (1, 0)]  # a robot of radius 0.2 m, a pedestrian 0.2 m wide at x = 3
+        >>> met = Trajectory.of_positions(drive, people=[(3, 0, 0.1, 0.1, 0)])
+        >>> min_pedestrian_distance(met).round(3)
+        array([1.7])
+
     Reference:
         DH_min of Francis et al. 2023 (arXiv 2306.16740).
     """
     found = np.where(trajectory.is_sample, _nearest(trajectory), np.inf).min(axis=1)
-    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.RUN_INTO))
+    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.HIT_BY_PEDESTRIAN))
     return np.where(touched, 0.0, found)
 
 
 def mean_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` m, the mean distance to the nearest pedestrian; infinite without any.
+
+    Example:
+        >>> met = Trajectory.of_positions([(0, 0), (1, 0)], people=[(3, 0, 0.1, 0.1, 0)])
+        >>> mean_pedestrian_distance(met).round(3)  # of 2.7 m and 1.7 m
+        array([2.2])
 
     Reference:
         DH_avg of Francis et al. 2023.
@@ -36,6 +47,11 @@ def mean_pedestrian_distance(trajectory: Trajectory) -> np.ndarray:
 def beyond_intimate(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` in [0, 1], share of samples with all pedestrians beyond 0.45 m.
 
+    Example:
+        >>> met = Trajectory.of_positions([(0, 0), (2.5, 0)], people=[(3, 0, 0.1, 0.1, 0)])
+        >>> beyond_intimate(met)  # 2.7 m, then 0.2 m
+        array([0.5])
+
     Reference:
         Space compliance of Francis et al. 2023; SocNavGym (Kapoor et al. 2023) and the iGibson
         Social Navigation Challenge with a threshold of 0.5 m or 0.45 m.
@@ -45,6 +61,11 @@ def beyond_intimate(trajectory: Trajectory) -> np.ndarray:
 
 def beyond_personal(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` in [0, 1], share of samples with all pedestrians beyond 1.2 m.
+
+    Example:
+        >>> met = Trajectory.of_positions([(0, 0), (2, 0)], people=[(3, 0, 0.1, 0.1, 0)])
+        >>> beyond_personal(met)  # 2.7 m, then 0.7 m
+        array([0.5])
 
     Reference:
         Proxemics of HuNavSim (Perez-Higueras et al. 2023), surface to surface as here.
@@ -59,6 +80,12 @@ def min_time_to_collision(trajectory: Trajectory) -> np.ndarray:
     radius; velocities are those of the last step. Infinite without a collision course, zero after a
     contact with a pedestrian.
 
+    Example:
+        >>> drive = [(0, 0), (0.2, 0)]  # at 1 m/s, then 2.5 m before a contact
+        >>> met = Trajectory.of_positions(drive, people=[(3, 0, 0.1, 0.1, 0)])
+        >>> min_time_to_collision(met).round(3)
+        array([2.5])
+
     Reference:
         TTC of Francis et al. 2023, constant velocities.
     """
@@ -69,7 +96,7 @@ def min_time_to_collision(trajectory: Trajectory) -> np.ndarray:
     time_s = _time_to_contact(offset[:, 1:], approach, reach[:, 1:])
     counted = trajectory.is_whole_step[..., None] & ~np.isnan(time_s)
     found = np.where(counted, time_s, np.inf).min(axis=(1, 2), initial=np.inf)
-    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.RUN_INTO))
+    touched = np.isin(trajectory.contact, (Contact.PEDESTRIAN, Contact.HIT_BY_PEDESTRIAN))
     return np.where(touched, 0.0, found)
 
 

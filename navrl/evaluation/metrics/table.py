@@ -43,8 +43,8 @@ METRICS: tuple[Metric, ...] = (
         color="#D55E00",
     ),
     _touched(
-        "run_into",
-        function=ending.run_into,
+        "hit_by_pedestrian",
+        function=ending.hit_by_pedestrian,
         label="pedestrian moved into the robot",
         color="#CC79A7",
     ),
@@ -69,18 +69,26 @@ METRICS: tuple[Metric, ...] = (
 )
 """Every metric of navrl, in the order of the columns."""
 
+RENAMED = {"run_into": "hit_by_pedestrian"}
+"""Names of metrics in files and commands of version 0.1, and their present names."""
+
 
 def values_of_error(metrics: Iterable[Metric] = METRICS) -> dict[str, float]:
-    """Return the values of an episode that raised, by name; metrics without one are left out.
+    """Return the values of an episode that raised an exception, by name.
 
-    It is no success, so nothing of what success weighs either, and no contact or timeout is known.
-    All else is undefined, since the drive was not recorded.
+    The episode counts as a failure: success and the metrics weighted by it are 0, and so are
+    contacts and timeouts. The other metrics are undefined and omitted, since the trajectory was
+    not recorded.
+
+    Example:
+        >>> values_of_error()["spl"]
+        0.0
     """
     return {m.name: m.of_error for m in metrics if m.of_error is not None}
 
 
 OF_ERROR = values_of_error()
-"""Values of an episode that raised, by name of navrl's metrics."""
+"""Values of an episode that raised an exception, by name of navrl's metrics."""
 
 
 def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict[str, np.ndarray]:
@@ -88,16 +96,26 @@ def measure(trajectory: Trajectory, metrics: Sequence[Metric] = METRICS) -> dict
 
     Args:
         trajectory: The episodes.
-        metrics: Which ones.
+        metrics: Metrics to compute.
 
     Raises:
         ValueError: If a metric returns another shape.
+
+    Example:
+        >>> drive = Trajectory.of_positions([(0, 0), (0.1, 0), (0.2, 0)])
+        >>> measure(drive)["time_to_goal_s"]
+        array([0.4])
     """
     return {metric.name: metric.values(trajectory) for metric in metrics}
 
 
 def markdown_table(metrics: Iterable[Metric] = METRICS) -> str:
-    """Return the Markdown table of all metrics for the documentation."""
+    """Return the Markdown table of all metrics for the documentation.
+
+    Example:
+        >>> print(markdown_table(METRICS[:1]).splitlines()[0])
+        | metric | unit | definition | source |
+    """
     rows = ["| metric | unit | definition | source |", "|---|---|---|---|"]
     for metric in metrics:
         unit = metric.unit.replace("^2", "²").replace("^3", "³")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from navrl.envs import Outcome
 from navrl.ops.distance import point_box_distance
@@ -49,6 +50,11 @@ class Trajectory:
 
     Raises:
         ValueError: If a shape does not fit; the message names the array.
+
+    Example:
+        >>> drive = Trajectory.of_positions([(0, 0), (3, 4)])
+        >>> len(drive), drive.num_steps, drive.planned_length
+        (1, array([1]), array([5.], dtype=float32))
     """
 
     time_step_s: float
@@ -109,6 +115,60 @@ class Trajectory:
         center = torch.from_numpy(np.ascontiguousarray(self.pose[..., :2]))
         boxes = torch.from_numpy(np.ascontiguousarray(self.pedestrians))
         return (point_box_distance(center, boxes).numpy() - self.robot_radius).clip(min=0.0)
+
+    @classmethod
+    def of_positions(
+        cls,
+        positions: Sequence[Sequence[float]],
+        *,
+        yaw: float | Sequence[float] = 0.0,
+        people: Sequence[ArrayLike] = (),
+        boxes: Sequence[Sequence[float]] = (),
+        num_furniture: int = 0,
+        path: Sequence[Sequence[float]] | None = None,
+        outcome: Outcome = Outcome.SUCCESS,
+        contact: Contact = Contact.NONE,
+        time_step_s: float = 0.2,
+        robot_radius: float = 0.2,
+        max_speed: float = 1.0,
+    ) -> Trajectory:
+        """Build one episode from the robot's positions, e.g. to test a metric on known numbers.
+
+        Args:
+            positions: (x, y) of each sample, m, world.
+            yaw: Of all samples or of each, rad, world.
+            people: Box (cx, cy, hx, hy, yaw) of each pedestrian, of all samples or of each.
+            boxes: Box of each wall, then of each piece of furniture.
+            num_furniture: Number of furniture boxes.
+            path: (x, y) of the planned path; None is the straight line.
+            outcome: Of the episode.
+            contact: At the end.
+            time_step_s: See the class.
+            robot_radius: See the class.
+            max_speed: See the class.
+        """
+        count = len(positions)
+        pose = np.zeros((1, count, 3))
+        pose[0, :, :2], pose[0, :, 2] = positions, yaw
+        pedestrians = np.zeros((1, count, len(people), 5))
+        for index, series in enumerate(people):
+            pedestrians[0, :, index] = series
+        planned = np.array((positions[0], positions[-1]) if path is None else path, np.float32)
+        walls = np.array(boxes, dtype=float).reshape(1, -1, 5)
+        return cls(
+            time_step_s=time_step_s,
+            robot_radius=robot_radius,
+            max_speed=max_speed,
+            num_steps=np.array([count - 1]),
+            outcome=np.array([outcome]),
+            contact=np.array([contact]),
+            pose=pose,
+            pedestrians=pedestrians,
+            boxes=walls,
+            is_furniture=np.arange(walls.shape[1])[None] >= walls.shape[1] - num_furniture,
+            path=planned[None],
+            planned_length=np.linalg.norm(np.diff(planned, axis=0), axis=1).sum()[None],
+        )
 
     @classmethod
     def from_series(

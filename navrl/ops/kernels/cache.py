@@ -80,7 +80,9 @@ def use_checked_files(dispatcher: Callable) -> None:
     cache = getattr(dispatcher, "_cache", None)
     if isinstance(cache, Cache):  # the CUDA simulator of Numba has none
         stamp = cache._impl.locator.get_source_stamp()
-        cache._cache_file = KernelFiles(cache.cache_path, cache._impl.filename_base, stamp)
+        files = KernelFiles(cache.cache_path, cache._impl.filename_base, stamp)
+        # Numba annotates its own class; the cache calls only what KernelFiles has, too.
+        cache._cache_file = files  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @functools.cache

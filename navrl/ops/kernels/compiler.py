@@ -5,13 +5,16 @@ import importlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
+from numba.core import config
 from torch import Tensor
 
 from navrl.ops.kernels.cache import cache_directory, use_checked_files
 from navrl.ops.kernels.threads import run_rows
 
+SETTINGS: Any = config  # Numba sets its attributes at run time
 LOG = logging.getLogger(__name__)
 
 
@@ -72,11 +75,11 @@ def _cuda_form(function: Callable) -> Callable:
 def cached(function: Callable, jit: Callable, form: str) -> Callable:
     """Compile a kernel with ``jit`` and cache its code; log a warning before a first compile."""
     directory = Path(cache_directory()) / form
-    configured, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(directory)
+    configured, SETTINGS.CACHE_DIR = SETTINGS.CACHE_DIR, str(directory)
     try:  # Numba reads the directory only when the dispatcher is created
         dispatcher = jit(function)
     finally:
-        numba.config.CACHE_DIR = configured
+        SETTINGS.CACHE_DIR = configured
     use_checked_files(dispatcher)
     if not any(directory.rglob(f"*.{function.__name__}-*.nbc")):
         LOG.warning("compiling %s once (takes seconds); cached in %s", function.__name__, directory)

@@ -10,13 +10,13 @@ from torch import Tensor
 from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 
-FAR = 1e9  # m; coordinate of points that are no returns
+FAR = 1e9  # m; coordinate of points without a return
 _TURN = 2.0 * math.pi
 
 
 @scalar
 def write_rows(points, returns, rows):
-    """Write x, y and distance to ``rows`` [3, N], FAR for points that are no finite returns.
+    """Write x, y and distance to ``rows`` [3, N], FAR for points without a finite return.
 
     Two loops without a branch, so that the compiler vectorizes both.
     """
@@ -43,7 +43,7 @@ def has_return(rows):
 
 @reordering_scalar
 def clipped(x, y, distance, ray_x, ray_y, cos_half_sector, max_range):
-    """Return the distance of a point, capped at ``max_range``; ``max_range`` outside the sector."""
+    """Return the distance of a point, at most ``max_range``; ``max_range`` outside the sector."""
     along = x * ray_x + y * ray_y
     is_inside = (along >= cos_half_sector * distance) & (distance < max_range)
     return distance if is_inside else max_range

@@ -64,7 +64,7 @@ def gather(rows, columns, gathered):
 def weigh_pairs(returns, squared, gate_squared, weights):
     """Write 1 for each pair within the gate, else 0; return their number and squared sum.
 
-    Points that are no returns were not searched, so their ``squared`` is undefined and may be NaN.
+    Points without a return were not searched, so their ``squared`` is undefined and may be NaN.
     """
     number, total = 0.0, 0.0
     for index in range(squared.shape[0]):
@@ -252,7 +252,7 @@ def align_scans(
     seen: Tensor | None,
     options: IcpOptions,
 ) -> tuple[Tensor, ...]:
-    """Run the kernel of :func:`navrl.ops.icp.align` on scans [S, N, 2]; return Alignment fields."""
+    """Align scans [S, N, 2] for :func:`navrl.ops.icp.align`; return fields of its result."""
     count = source.shape[0]
     motion = source.new_empty(count, 3, dtype=torch.float64)
     rmse = source.new_empty(count, dtype=torch.float64)

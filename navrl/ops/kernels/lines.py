@@ -7,12 +7,12 @@ import numpy as np
 from navrl.ops.kernels.compiler import reordering_scalar, scalar
 from navrl.ops.lines import HALF_WINDOW, MAX_THICKNESS, MIN_POINTS, REACH_M
 
-_FAR = 1e9  # m; coordinate of points that are no returns
+_FAR = 1e9  # m; coordinate of points without a return
 
 
 @reordering_scalar
-def sum_neighbours(x, y, sums):
-    """Write number and second moments of the neighbors of each point, relative to it, to ``sums``.
+def sum_neighbors(x, y, sums):
+    """Write number and moments of the neighbors of each point, relative to it, to ``sums``.
 
     ``x`` and ``y`` are padded by HALF_WINDOW points on both sides; ``sums`` is [4, N].
     """
@@ -74,5 +74,5 @@ def fit_lines(rows, lines):
     padded = np.empty((2, rows.shape[1] + 2 * HALF_WINDOW))
     continue_rows(rows, padded, 0, padded.shape[1])
     sums = np.empty((4, rows.shape[1]))
-    sum_neighbours(padded[0], padded[1], sums)
+    sum_neighbors(padded[0], padded[1], sums)
     write_lines(sums, lines)

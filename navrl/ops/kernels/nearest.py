@@ -1,4 +1,4 @@
-"""Exact nearest-neighbor search between two scans ordered by bearing, mostly within a window.
+"""Exact windowed nearest-neighbor search between two scans ordered by bearing.
 
 After the rotation by the estimated yaw, the nearest neighbor of point i of one scan is among a few
 points around index i of the other. This window is searched for all points at once in a vectorized
@@ -15,10 +15,10 @@ from navrl.ops.kernels.compiler import reordering_scalar, scalar
 
 WINDOW = 17  # points; with 2 deg per point this is +-16 deg around the expected bearing
 MARGIN = 8  # points by which the window is widened on both sides
-MANY = 6  # points; beyond this, widening the window is faster than exhaustive searches
+MAX_SEARCHES = 6  # points; beyond this, widening the window is faster than exhaustive searches
 SMALLEST = 3 * WINDOW  # points; smaller scans are searched exhaustively
-FAR = np.float32(1e9)  # m; coordinate of points that are no returns
-PROOF = np.float32(0.999)  # safety factor for the rounding of the test in single precision
+FAR = np.float32(1e9)  # m; coordinate of points without a return
+SAFETY_FACTOR = np.float32(0.999)  # safety factor for the rounding of the test in single precision
 
 
 @scalar
@@ -69,7 +69,7 @@ def unroll(points, weights, rows):
 
 @scalar
 def first_column(shift, num_target):
-    """Return the start of the window of point 0 in the unrolled target, with a margin before it."""
+    """Return the start of the first point's window in the unrolled target, minus a margin."""
     room = num_target // 3
     return room + (shift - WINDOW // 2 - room) % num_target
 
@@ -102,8 +102,8 @@ search_window, search_margin = column_search(WINDOW), column_search(MARGIN)
 
 
 @reordering_scalar
-def find_unproved(
-    x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unproved
+def find_unverified(
+    x, y, weights, direction_x, direction_y, first, width, gate_squared, squared, unverified
 ):
     """Flag the points whose nearest neighbor may be outside of the window; return their number.
 
@@ -122,11 +122,11 @@ def find_unproved(
         is_inside = above_low > 0.0 and below_high > 0.0
         low = above_low * above_low if low_x[index] * px + low_y[index] * py > 0.0 else reach
         high = below_high * below_high if high_x[index] * px + high_y[index] * py > 0.0 else reach
-        bound = PROOF * min(low, high)
+        bound = SAFETY_FACTOR * min(low, high)
         needed = min(squared[index], gate_squared)
-        is_unproved = weights[index] > 0.0 and not (is_inside and needed <= bound)
-        unproved[index] = is_unproved
-        total += is_unproved
+        is_unverified = weights[index] > 0.0 and not (is_inside and needed <= bound)
+        unverified[index] = is_unverified
+        total += is_unverified
     return total
 
 
@@ -159,11 +159,13 @@ def search_windows(points, weights, shift, target, gate, squared, match, flags):
     squared[:] = np.float32(np.inf)
     search_window(x, y, target_x, target_y, first, squared, match)
     while True:
-        total = find_unproved(
+        total = find_unverified(
             x, y, weights, target[2], target[3], first, width, gate * gate, squared, flags
         )
         width += 2 * MARGIN
-        if total <= MANY or width > num_target // 2:  # the test only holds within a half circle
+        if (
+            total <= MAX_SEARCHES or width > num_target // 2
+        ):  # the test only holds within a half circle
             return total
         search_margin(x, y, target_x, target_y, first - MARGIN, squared, match)
         search_margin(x, y, target_x, target_y, first + width - 2 * MARGIN, squared, match)
@@ -176,7 +178,7 @@ def find_nearest(points, weights, shift, target, is_windowed, gate, squared, mat
 
     Args:
         points: [2, N] float32, x and y of the transformed source.
-        weights: [N], zero for points that are no returns, which are not searched.
+        weights: [N], zero for points without a return, which are not searched.
         shift: Index offset from the source to the target.
         target: [4, 3 M] float32, from :func:`unroll`.
         is_windowed: Whether both scans are ordered and of the same length.

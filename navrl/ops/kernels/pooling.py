@@ -10,7 +10,7 @@ from navrl.ops.kernels.compiler import kernel, scalar
 
 @scalar
 def cleaned_range(value, limit, max_range):
-    """Return a reading, or ``max_range`` if it is no return (NaN, not positive, or too far)."""
+    """Return a reading, or ``max_range`` if it is not a return (NaN, not positive, or too far)."""
     return value if (value > 0.0) & (value < limit) else max_range
 
 

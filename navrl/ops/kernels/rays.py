@@ -23,7 +23,7 @@ def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
             index may lie beyond the scan's beams.
         grid: (angle of beam 0, rad; beams a radian, negative if they are counted clockwise; beams
             that a full circle would hold).
-        distance: of the scanner from the face's line, positive.
+        distance: Distance of the scanner from the face's line, positive.
         nx, ny: unit normal pointing from the scanner to the face's line, scanner frame.
         start_x .. end_y: the face's corners in the scanner frame, counter-clockwise.
     """
@@ -43,7 +43,7 @@ def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
 
 @scalar
 def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box):
-    """Write the faces that a box shows to a scanner to ``faces`` [2, 6], see :func:`write_face`.
+    """Write the faces of a box that are visible to a scanner; see :func:`write_face`.
 
     The scanner is at (x, y) with the given heading, world frame.
 

@@ -1,4 +1,4 @@
-"""Rotation search: kernel of :func:`navrl.ops.rotation_search.rotation_search` for one pair."""
+"""Kernel of :func:`navrl.ops.rotation_search.rotation_search` for one pair of scans."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Hybrid A* in position, heading and time among walls and pedestrians with known trajectories.
+"""Hybrid A* in position, heading and time among pedestrians with known trajectories.
 
 A node is the pose after a whole number of steps. Headings are multiples of ``2 pi / bins`` and
 positions are continuous, so the robot can follow a trajectory exactly; of all nodes with the same
@@ -27,7 +27,7 @@ import numpy as np
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.worlds import box_distance
 
-FOUND, EXHAUSTED, GAVE_UP = range(3)  # result codes of a search
+FOUND, EXHAUSTED, NODE_LIMIT = range(3)  # result codes of a search
 
 
 @scalar
@@ -66,7 +66,7 @@ def search(
     start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
     primitives, offsets, bins, reach, goal_radius, cell, greed, max_steps, max_nodes, plan,
 ):  # fmt: skip
-    """Write the primitives of a trajectory to ``plan`` [max_steps]; return (code, steps, nodes)."""
+    """Search a trajectory, write its primitives to ``plan``, return (code, steps, nodes)."""
     substeps = offsets.shape[1]
     seen = np.zeros((max_steps + 1, *clearance.shape, bins), np.bool_)
     cos = np.cos(start[2] + np.arange(bins) * (2.0 * math.pi / bins))
@@ -114,7 +114,7 @@ def search(
             if not free:
                 continue
             if count == max_nodes:
-                return GAVE_UP, 0, count
+                return NODE_LIMIT, 0, count
             if count == place.shape[0]:
                 place, link = grown(place), grown(link)
             seen[step + 1, i, j, turned] = True

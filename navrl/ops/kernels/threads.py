@@ -1,4 +1,4 @@
-"""Thread pool that distributes the rows of a kernel; kernels release the GIL while they run.
+"""Thread pool that distributes the rows of a kernel, which releases the GIL.
 
 Numba's parallel loops are not used: with two threads a scan took twice as long as the serial loop,
 and their thread pools either do not survive a fork or abort the process when two Python threads
@@ -84,7 +84,9 @@ class _Worker(threading.Thread):
         while True:
             self._go.acquire()
             try:
-                self._work()
+                work = self._work
+                if work is not None:
+                    work()
             except BaseException as error:
                 self._error = error
             self._done.release()

@@ -26,7 +26,7 @@ import numpy as np
 
 from navrl.ops import contact as contacts
 from navrl.ops import unicycle
-from navrl.ops.contact import NONE, RUN_INTO, STATIC
+from navrl.ops.contact import HIT_BY_PEDESTRIAN, NONE, STATIC
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.pedestrians import (
     distance,
@@ -39,7 +39,7 @@ from navrl.ops.kernels.rays import cast_box
 advance_pose = scalar(unicycle.advance_pose)
 approach_velocity = scalar(unicycle.approach_velocity)
 nearest_point_on_box = scalar(contacts.nearest_point_on_box)
-blame = scalar(contacts.blame)
+classify_contact = scalar(contacts.classify_contact)
 
 _SLACK = 1e-6  # m; margin so that rounding never culls a box in contact
 
@@ -71,7 +71,7 @@ def touched_wall(x, y, radius, walls, near, num_near):
 
 @scalar
 def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
-    """Return NONE, PEDESTRIAN or RUN_INTO for the pedestrians listed in ``near``.
+    """Return NONE, PEDESTRIAN or HIT_BY_PEDESTRIAN for the pedestrians listed in ``near``.
 
     The disc at (x, y) travels in direction ``heading``, world, at ``speed``.
     """
@@ -80,8 +80,8 @@ def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
         cx, cy, hx, hy, turn = boxes[near[index]]
         px, py = nearest_point_on_box(x, y, cx, cy, hx, hy, math.cos(turn), math.sin(turn))
         if distance(px - x, py - y) <= radius:
-            verdict = blame(x, y, math.cos(heading), math.sin(heading), speed, px, py)
-            if result in (NONE, RUN_INTO):
+            verdict = classify_contact(x, y, math.cos(heading), math.sin(heading), speed, px, py)
+            if result in (NONE, HIT_BY_PEDESTRIAN):
                 result = verdict
     return result
 
@@ -99,12 +99,14 @@ def list_near_walls(x, y, reach, walls, num_walls, near):
 
 
 @scalar
-def farthest(track):
+def max_displacement(track):
     """Return the largest distance of the points of a track from its first point, m."""
-    most = 0.0
+    largest = 0.0
     for index in range(1, track.shape[0]):
-        most = max(most, distance(track[index, 0] - track[0, 0], track[index, 1] - track[0, 1]))
-    return most
+        largest = max(
+            largest, distance(track[index, 0] - track[0, 0], track[index, 1] - track[0, 1])
+        )
+    return largest
 
 
 @scalar
@@ -113,7 +115,7 @@ def reach_of(pose, velocity, late, command, track, drive, timing):
     radius, is_tracked, _, _, slowest, fastest, _ = drive
     if is_tracked:
         first = distance(track[0, 0] - pose[0], track[0, 1] - pose[1])
-        return radius + first + farthest(track) + _SLACK
+        return radius + first + max_displacement(track) + _SLACK
     wanted = max(
         abs(limited(late[0], slowest, fastest)), abs(limited(command[0], slowest, fastest))
     )

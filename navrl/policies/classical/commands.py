@@ -9,10 +9,10 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from navrl import keys
-from navrl.sim import DifferentialDrive
+from navrl.sim import RobotModel
 
 
-def normalized_action(robot: DifferentialDrive, command: Tensor) -> Tensor:
+def normalized_action(robot: RobotModel, command: Tensor) -> Tensor:
     """Scale commands to normalized actions, the inverse of ``ActionScaling``.
 
     Args:
@@ -27,13 +27,13 @@ def normalized_action(robot: DifferentialDrive, command: Tensor) -> Tensor:
     return action.clamp(-1.0, 1.0).float()
 
 
-def physical_command(robot: DifferentialDrive, action: Tensor) -> Tensor:
+def physical_command(robot: RobotModel, action: Tensor) -> Tensor:
     """Scale actions ``[*B, 2]`` in [-1, 1] to (v, w), the inverse of :func:`normalized_action`."""
     low, high = _limits(robot.command_limits, action.dtype, action.device)
     return low + (action + 1) / 2 * (high - low)
 
 
-def last_command(robot: DifferentialDrive, tensordict: TensorDictBase) -> Tensor:
+def last_command(robot: RobotModel, tensordict: TensorDictBase) -> Tensor:
     """Return the command of the last step, read from the policy's own last action.
 
     Args:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from navrl import keys
 from navrl.checks import check_positive
+from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.unicycle import advance_poses
 from navrl.policies.classical.commands import last_command, normalized_action
@@ -37,8 +38,8 @@ class DynamicWindow(Controller):
         clearance: Clearance above which more is not rewarded, m.
         clearance_weight: Weight of clearance relative to distance to the waypoint.
         path_weight: Weight of distance to the path relative to distance to the waypoint.
-        least_speed: m/s, slower descriptors are static: noise of scan and alignment.
-        most_speed: m/s, faster descriptors are mismatches.
+        min_descriptor_speed: m/s, slower descriptors are static: noise of scan and alignment.
+        max_descriptor_speed: m/s, faster descriptors are mismatches.
         group_radius: Distance to a moving centroid within which points move with it, m.
 
     Raises:
@@ -50,6 +51,7 @@ class DynamicWindow(Controller):
         the motion of descriptors.
     """
 
+    @renamed_arguments(least_speed="min_descriptor_speed", most_speed="max_descriptor_speed")
     def __init__(
         self,
         robot: DifferentialDrive,
@@ -62,8 +64,8 @@ class DynamicWindow(Controller):
         clearance: float = 0.3,
         clearance_weight: float = 1.0,
         path_weight: float = 0.3,
-        least_speed: float = 0.3,
-        most_speed: float = 1.5,
+        min_descriptor_speed: float = 0.3,
+        max_descriptor_speed: float = 1.5,
         group_radius: float = 0.3,
     ) -> None:
         super().__init__()
@@ -78,19 +80,20 @@ class DynamicWindow(Controller):
                 f"margin={margin}, clearance_weight={clearance_weight}, "
                 f"path_weight={path_weight}: must be >= 0"
             )
-        if not 0 < least_speed < most_speed:
+        if not 0 < min_descriptor_speed < max_descriptor_speed:
             raise ValueError(
-                f"least_speed={least_speed}, most_speed={most_speed}: "
-                "must be 0 < least_speed < most_speed"
+                f"min_descriptor_speed={min_descriptor_speed}, "
+                f"max_descriptor_speed={max_descriptor_speed}: "
+                "must be 0 < min_descriptor_speed < max_descriptor_speed"
             )
-        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS]
-        self.in_keys += [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        tagd = [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
+        self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS, *tagd]
         self.out_keys = [keys.ACTION]
         self.robot, self.predict_motion = robot, predict_motion
         self.time_step_s, self.horizon_steps = time_step_s, horizon_steps
         self.margin, self.clearance = margin, clearance
         self.clearance_weight, self.path_weight = clearance_weight, path_weight
-        self.speed_range = (least_speed, most_speed)
+        self.speed_range = (min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
         self._samples = sample_commands(
             robot.min_speed, robot.max_speed, robot.max_turn_rate, num_speeds, num_turn_rates
@@ -130,9 +133,14 @@ class DynamicWindow(Controller):
 
     def _point_velocity(self, points: Tensor, tagd: Tensor, valid: Tensor) -> Tensor:
         """Return the velocity of points, ``[N, P, 2]`` m per step; zero for static ones."""
-        least, most = (speed * self.time_step_s for speed in self.speed_range)
+        smallest, largest = (speed * self.time_step_s for speed in self.speed_range)
         return point_motion(
-            points, tagd, valid, least=least, most=most, group_radius=self.group_radius
+            points,
+            tagd,
+            valid,
+            min_displacement=smallest,
+            max_displacement=largest,
+            group_radius=self.group_radius,
         )
 
     def _room(self, arcs: Tensor, points: Tensor, velocity: Tensor) -> Tensor:
@@ -145,10 +153,10 @@ class DynamicWindow(Controller):
         clear = (room > self.margin).cumprod(-1)  # until the first touch
         to_goal = (arcs - waypoints[:, None, -1:]).norm(dim=-1).amin(-1)
         off_path = torch.cdist(arcs[:, :, -1], waypoints).amin(-1)
-        worth = (
+        score = (
             self.clearance_weight * room.amin(-1).clamp_max(self.clearance)
             - to_goal
             - self.path_weight * off_path
         )
         # Arcs with a contact rank behind all others, ordered by the time of contact.
-        return torch.where(clear[..., -1] > 0, worth, clear.sum(-1) - 1e3 + room[..., 0])
+        return torch.where(clear[..., -1] > 0, score, clear.sum(-1) - 1e3 + room[..., 0])

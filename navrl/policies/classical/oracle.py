@@ -119,7 +119,7 @@ class Oracle(Controller):
 
     @property
     def commands(self) -> Tensor:
-        """Commands (v, w) of the moves of plans, ``[A, 2]`` m/s and rad/s."""
+        """Commands (v, w) of the motion primitives, ``[A, 2]`` m/s and rad/s."""
         turn_rate = self._primitives[:, 1] * (2 * math.pi / self._bins / self.time_step_s)
         return torch.stack([self._primitives[:, 0], turn_rate], dim=-1)
 

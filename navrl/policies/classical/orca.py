@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import ModuleType
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -18,9 +20,10 @@ from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
+RVOSimulator = Any  # pyrvo is an extra, and has no annotations
 PREVIOUS_BOXES = "pedestrian_boxes_previous"  # [N, K, 5], boxes of the previous step
 _ROBOT = 0  # index in RVO2; pedestrians follow
-_NOWHERE = 1e4  # m, position of absent pedestrians
+_ABSENT_M = 1e4  # m, position of absent pedestrians
 
 
 class Orca(Controller):
@@ -107,7 +110,7 @@ class Orca(Controller):
 
     def _make_world(
         self, walls: list, person_radius: float, person_speed: float, max_people: int
-    ) -> object:
+    ) -> RVOSimulator:
         """Return an RVO2 simulator with the walls and the robot.
 
         An agent of RVO2 has one radius for all obstacles. The robot's includes ``wall_margin``; the
@@ -147,34 +150,42 @@ class Orca(Controller):
             )
         before = tensordict.get(PREVIOUS_BOXES, boxes)
         velocity = ((boxes - before)[..., :2] / self.time_step_s).nan_to_num(0.0)
-        place = boxes[..., :2].nan_to_num(_NOWHERE)
+        place = boxes[..., :2].nan_to_num(_ABSENT_M)
         yaw = pose[:, 2]
-        wanted = se2.rotate(self._wanted(waypoints[:, self.waypoint]), yaw)
+        preferred = se2.rotate(self._preferred_velocity(waypoints[:, self.waypoint]), yaw)
         forward = last_command(self.robot, tensordict)[:, :1]
         now = se2.rotate(torch.cat([forward, torch.zeros_like(forward)], -1), yaw)
         rows = zip(
-            self._worlds, *(v.tolist() for v in (pose, now, wanted, place, velocity)), strict=True
+            self._worlds,
+            *(v.tolist() for v in (pose, now, preferred, place, velocity)),
+            strict=True,
         )
         chosen = se2.rotate(pose.new_tensor([self._solve(*row) for row in rows]), -yaw)
         tensordict.set(PREVIOUS_BOXES, boxes)
         return tensordict.set(keys.ACTION, normalized_action(self.robot, self._command(chosen)))
 
-    def _wanted(self, waypoint: Tensor) -> Tensor:
+    def _preferred_velocity(self, waypoint: Tensor) -> Tensor:
         """Return the preferred velocity ``[N, 2]`` m/s, robot frame."""
         distance = waypoint.norm(dim=-1, keepdim=True).clamp_min(1e-6)
         angle = torch.full_like(waypoint[:, 0], self.sidestep)
         return se2.rotate(self.robot.max_speed * waypoint / distance, angle)
 
     def _solve(
-        self, world: object, pose: list, velocity: list, wanted: list, places: list, speeds: list
-    ) -> tuple[float, float]:
+        self,
+        world: RVOSimulator,
+        pose: list,
+        velocity: Sequence[float],
+        preferred: list,
+        places: list,
+        speeds: list,
+    ) -> Sequence[float]:
         """Return the velocity with full avoidance, m/s, world frame."""
         for _ in range(len(places) + 1 - world.get_num_agents()):
-            world.add_agent((_NOWHERE, _NOWHERE))
+            world.add_agent((_ABSENT_M, _ABSENT_M))
         for _ in range(self.iterations):
             world.set_agent_position(_ROBOT, pose[:2])
             world.set_agent_velocity(_ROBOT, velocity)
-            world.set_agent_pref_velocity(_ROBOT, wanted)
+            world.set_agent_pref_velocity(_ROBOT, preferred)
             for person, (place, speed) in enumerate(zip(places, speeds, strict=True), start=1):
                 world.set_agent_position(person, place)
                 world.set_agent_velocity(person, speed)
@@ -187,8 +198,8 @@ class Orca(Controller):
         """Return ``[N, 2]`` (v, w): turn towards the velocity, drive its forward component."""
         x, y = velocity.unbind(-1)
         turn = torch.atan2(y, x) / self.time_step_s
-        stands = velocity.norm(dim=-1) < 0.02 * self.robot.max_speed  # too slow for a direction
-        return torch.stack([x.clamp_min(0.0), turn.masked_fill(stands, 0.0)], dim=-1)
+        is_slow = velocity.norm(dim=-1) < 0.02 * self.robot.max_speed  # too slow for a direction
+        return torch.stack([x.clamp_min(0.0), turn.masked_fill(is_slow, 0.0)], dim=-1)
 
 
 def _corners(boxes: Tensor) -> Tensor:

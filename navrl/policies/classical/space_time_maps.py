@@ -12,7 +12,7 @@ from torch import Tensor
 from navrl.ops.distance import point_box_distance
 from navrl.worlds import ScenarioBatch, pedestrian_boxes
 
-_AROUND_PATH = 1.5  # m around the path that is searched if no wall bounds it
+_SEARCH_MARGIN_M = 1.5  # m around the path that is searched if no wall bounds it
 
 
 class SpaceTimeMaps(NamedTuple):
@@ -88,7 +88,7 @@ def _people(scenarios: ScenarioBatch, time_s: Tensor) -> Tensor:
 def _floor(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:
     """Return the corners ``[S, 2]`` of a rectangle around the path and all walls."""
     path = scenarios.path.double()
-    low, high = path.amin(1) - _AROUND_PATH, path.amax(1) + _AROUND_PATH
+    low, high = path.amin(1) - _SEARCH_MARGIN_M, path.amax(1) + _SEARCH_MARGIN_M
     extent = scenarios.boxes[..., 2:4].norm(dim=-1, keepdim=True)
     is_wall = torch.arange(extent.shape[1]) < scenarios.num_boxes[:, None]
     below = (scenarios.boxes[..., :2] - extent).masked_fill(~is_wall[..., None], torch.inf)

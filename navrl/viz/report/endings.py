@@ -11,10 +11,10 @@ from navrl.sim import Contact
 from navrl.viz.style import BLACK
 
 _PARTS = {
-    "collision_pedestrian": ("moved_into_pedestrian", "run_into"),
+    "collision_pedestrian": ("moved_into_pedestrian", "hit_by_pedestrian"),
     "collision_static": ("collision_wall", "collision_furniture"),
 }
-_UNDIVIDED = {  # of files from before the contacts were classified
+_UNCLASSIFIED = {  # of files from before the contacts were classified
     "collision_pedestrian": ("collision with a pedestrian, fault unknown", "#EFB08C"),
     "collision_static": ("collision with a wall or furniture", "#F3D694"),
 }
@@ -22,14 +22,17 @@ _UNDIVIDED = {  # of files from before the contacts were classified
 
 def _endings() -> dict[str, tuple[str, str]]:
     """Return label and color of each ending, in the order of the outcomes."""
-    known = {m.name: (m.label, m.color) for m in METRICS if m.is_ending} | _UNDIVIDED
+    known = {m.name: (m.label, m.color) for m in METRICS if m.is_ending} | _UNCLASSIFIED
     names = [name for outcome in OUTCOMES for name in (*_PARTS.get(outcome, ()), outcome)]
     return {**{name: known[name] for name in names}, "error": ("error", BLACK)}
 
 
 ENDINGS = _endings()
 """Label and color of each ending; two are of files from before contacts were classified."""
-_BLAME = {Contact.PEDESTRIAN: "moved_into_pedestrian", Contact.RUN_INTO: "run_into"}
+_ENDING_OF_CONTACT = {
+    Contact.PEDESTRIAN: "moved_into_pedestrian",
+    Contact.HIT_BY_PEDESTRIAN: "hit_by_pedestrian",
+}
 
 
 def ending_of_row(row: Mapping[str, str]) -> str:
@@ -48,5 +51,5 @@ def ending_of_recording(recording: Recording) -> str:
         touched = Trajectory.from_recordings([recording], max_speed=1.0)
         return "collision_furniture" if collision_furniture(touched)[0] else "collision_wall"
     if recording.outcome == "collision_pedestrian":
-        return _BLAME.get(recording.contact, recording.outcome)
+        return _ENDING_OF_CONTACT.get(recording.contact, recording.outcome)
     return recording.outcome

@@ -18,10 +18,10 @@ from navrl.viz.scene import attention_scale, closest_step, scene_limits
 _MILLIMETRES = 3  # decimals of lengths
 _BEFORE_S = 1.0  # s before the end for the comparison in the description
 _STRAIGHT_DEG = 10.0  # smaller angles are described as straight ahead
-_STORIES = {
+_DESCRIPTIONS = {
     "success": "The robot reached its goal after {seconds}.",
     "moved_into_pedestrian": "The robot moved into a pedestrian after {seconds}; contact was {at}.",
-    "run_into": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
+    "hit_by_pedestrian": "A pedestrian moved into the robot after {seconds}; contact was {at}.",
     "collision_pedestrian": "Robot and pedestrian touched after {seconds}; contact was {at}; "
     "the at-fault party was not recorded.",
     "collision_wall": "The robot hit a wall after {seconds}; contact was {at}.",
@@ -47,7 +47,7 @@ def episode_data(
     label = ENDINGS.get(ending, (recording.outcome,))[0]
     return {
         "name": f"{name}: {episode_name(recording)}, {label}",
-        "story": _story(recording, ending),
+        "story": _description(recording, ending),
         "ending": label,
         "outcome": recording.outcome,
         "time_step_s": recording.time_step_s,
@@ -114,12 +114,12 @@ def _without_repetition(path: np.ndarray) -> np.ndarray:
 # --- how it ended --------------------------------------------------------------------------------
 
 
-def _story(recording: Recording, ending: str) -> str:
+def _description(recording: Recording, ending: str) -> str:
     """Describe in a few sentences the end of the episode and what preceded it."""
     end = recording.num_steps
     seconds = f"{end * recording.time_step_s:.1f} s"
     left = float(np.linalg.norm(recording.goal - recording.pose[-1, :2]))
-    story = _STORIES.get(ending, "{ending} after {seconds}.").format(
+    story = _DESCRIPTIONS.get(ending, "{ending} after {seconds}.").format(
         seconds=seconds, left=left, ending=ending, at=_side_touched(recording)
     )
     if end < 1:

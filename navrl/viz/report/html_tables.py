@@ -34,7 +34,7 @@ def comparison_table(table: ComparisonTable) -> str:
         header += ["paper's own success", "paper's own time, s"]
     body = "".join(_row(row, bool(table.reference), published) for row in table.rows)
     note = "<p>* privileged: reads the true state of walls and pedestrians.</p>"
-    return _sortable(header, body) + (note if any(row.cheats for row in table.rows) else "")
+    return _sortable(header, body) + (note if any(row.is_privileged for row in table.rows) else "")
 
 
 def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:
@@ -51,7 +51,7 @@ def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:
 
 
 def _row(row: ComparisonRow, has_reference: bool, has_published: bool) -> str:
-    cells = [f'<th scope="row">{escape(row.policy)}{"*" if row.cheats else ""}</th>']
+    cells = [f'<th scope="row">{escape(row.policy)}{"*" if row.is_privileged else ""}</th>']
     cells.append(
         _cell(row.episodes, f"{row.episodes:,}" + (f", {row.errors} errors" * bool(row.errors)))
     )
@@ -143,7 +143,7 @@ def measures_table(table: ComparisonTable) -> str:
 
 def _measure_row(row: ComparisonRow, metric: MetricComparison, has_reference: bool) -> str:
     cells = [f'<th scope="row">{escape(metric.name)}</th>']
-    cells += _words(metric.better, row.policy + "*" * row.cheats)
+    cells += _words(metric.better, row.policy + "*" * row.is_privileged)
     for estimate, over in ((metric.own, f" {metric.over}"), (metric.common, "")):
         cells += [_estimate_cell(estimate, ""), _cell(estimate.n, f"{estimate.n:,}{over}")]
     difference = metric.difference

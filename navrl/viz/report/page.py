@@ -22,7 +22,7 @@ from navrl.viz.report.player import player_episodes, player_section
 from navrl.viz.report.sources import Sources, find_sources
 from navrl.viz.report.verdict import headline, verdict
 
-_UNFOLDED = 3  # evaluations shown initially; the others are collapsed
+_NUM_EXPANDED = 3  # evaluations shown initially; the others are collapsed
 
 
 def write_report(
@@ -141,7 +141,7 @@ def _evaluation_sections(
         name = f"{table.title} in {table.simulator}, {played:,} episodes ({table.suite_hash[:8]})"
         heading = f"<h2>{escape(name)}</h2>"
         content = _evaluation(table, sources, figures)
-        if i >= _UNFOLDED:
+        if i >= _NUM_EXPANDED:
             summary = f"{heading}<p>{escape(headline(table))}.</p>"
             heading, content = "", f"<details><summary>{summary}</summary>\n{content}</details>\n"
         sections.append(f'<section class="evaluation">{heading}\n{content}</section>\n')

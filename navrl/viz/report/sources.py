@@ -66,7 +66,7 @@ def find_sources(folders: Iterable[str | Path], num_episodes: int) -> Sources:
     }
     logs = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("metrics.csv")))
     files = dict.fromkeys(file for folder in folders for file in sorted(folder.rglob("*.npz")))
-    recordings = _in_turn({file: Recording.load(file) for file in files})
+    recordings = _in_order({file: Recording.load(file) for file in files})
     shown = list(recordings)[:num_episodes]
     if not evaluations and not logs and not recordings:
         places = ", ".join(map(str, folders))
@@ -96,7 +96,7 @@ def _has_evaluation(folder: Path) -> bool:
     return any(file.with_name("episodes.csv").is_file() for file in folder.rglob("summary.json"))
 
 
-def _in_turn(recordings: dict[Path, Recording]) -> dict[Path, Recording]:
+def _in_order(recordings: dict[Path, Recording]) -> dict[Path, Recording]:
     """Order episodes with failed ones first, alternating between folders."""
     seen: Counter = Counter()
     order = {}

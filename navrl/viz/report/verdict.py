@@ -9,7 +9,7 @@ from navrl.evaluation.statistics import MIN_PAIRS, interval_text, p_value_text
 from navrl.evaluation.stored import Evaluation
 
 _SIGNIFICANT = 0.05
-_USUAL = "paper"  # default reference, not mentioned
+_DEFAULT_REFERENCE = "paper"  # default reference, not mentioned
 
 
 def members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[Evaluation]:
@@ -20,7 +20,7 @@ def members(table: ComparisonTable, evaluations: Sequence[Evaluation]) -> list[E
 
 def headline(table: ComparisonTable) -> str:
     """Return the best policy and its success, without privileged ones and without full stop."""
-    best = next((row for row in table.rows if not row.cheats), None)
+    best = next((row for row in table.rows if not row.is_privileged), None)
     if best is None:
         return "Every controller here is privileged (reads the true state)"
     low, high = best.intervals["success"]
@@ -28,7 +28,7 @@ def headline(table: ComparisonTable) -> str:
     tied = [
         row.policy
         for row in table.rows
-        if not row.cheats and row.rates["success"] == best.rates["success"]
+        if not row.is_privileged and row.rates["success"] == best.rates["success"]
     ]
     if len(tied) > 1:
         names = f"{', '.join(tied[:-1])} and {tied[-1]}"
@@ -38,8 +38,8 @@ def headline(table: ComparisonTable) -> str:
 
 def verdict(table: ComparisonTable) -> str:
     """Return sentences on the best policy, its lead and the significance of differences."""
-    sentences = [headline(table), _ahead_of_next(table.lead, table.rows[0].episodes)]
-    if table.reference not in (None, _USUAL):
+    sentences = [headline(table), _lead_sentence(table.lead, table.rows[0].episodes)]
+    if table.reference not in (None, _DEFAULT_REFERENCE):
         sentences.append(f"Differences are to {table.reference}")
     sentences += _differences(table)
     return " ".join(f"{sentence}." for sentence in sentences if sentence)
@@ -50,13 +50,13 @@ def _differences(table: ComparisonTable) -> list[str]:
     compared = [row for row in table.rows if row.difference is not None]
     tested = [row for row in compared if row.p_holm is not None]
     ties = [row.policy for row in compared if row.difference == 0]
-    unsure = [row.policy for row in tested if row.difference and row.p_holm >= _SIGNIFICANT]
+    inconclusive = [row.policy for row in tested if row.difference and row.p_holm >= _SIGNIFICANT]
     test = f"by exact McNemar tests, corrected by Holm for {len(tested)}"
     sentences = [f"Tied with {table.reference}: {', '.join(ties)}"] if ties else []
-    if unsure:
+    if inconclusive:
         sentences.append(
             f"Differences to {table.reference} that are not significant "
-            f"(p ≥ {_SIGNIFICANT}) {test}: {', '.join(unsure)}"
+            f"(p ≥ {_SIGNIFICANT}) {test}: {', '.join(inconclusive)}"
         )
     elif len(tested) > len(ties):
         every = "Every other" if ties else "Every"
@@ -68,7 +68,7 @@ def _differences(table: ComparisonTable) -> list[str]:
     return sentences
 
 
-def _ahead_of_next(lead: Lead | None, num_episodes: int) -> str:
+def _lead_sentence(lead: Lead | None, num_episodes: int) -> str:
     """Return the lead of the best over the second best on the same episodes; empty without."""
     if lead is None or lead.is_tie:
         return ""

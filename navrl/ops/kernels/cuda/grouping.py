@@ -10,11 +10,18 @@ from navrl.ops.kernels.grouping import clipped, cos_half_sector, describe, has_r
 THREADS = 32
 
 
-def tagd_kernel(points: Tensor, returns: Tensor, previous_points: Tensor, *others: object) -> None:
+def tagd_kernel(
+    points: Tensor,
+    returns: Tensor,
+    previous_points: Tensor,
+    previous_returns: Tensor,
+    rays: Tensor,
+    *others: object,
+) -> None:
     """Write descriptors [S, N_c, 4] and their validity [S, N_c, 2]; see the CPU kernel."""
     blocks, width = num_blocks(points), max(points.shape[1], previous_points.shape[1])
-    scratch = points.new_empty(blocks, 2, 3, width, dtype=others[1].dtype)
-    describe_kernel(scratch, points, returns, previous_points, *others)
+    scratch = points.new_empty(blocks, 2, 3, width, dtype=rays.dtype)
+    describe_kernel(scratch, points, returns, previous_points, previous_returns, rays, *others)
 
 
 @block_per_row(THREADS)

@@ -24,11 +24,11 @@ from navrl.ops.kernels.icp import (
     weigh_pairs,
     write_rows,
 )
-from navrl.ops.kernels.lines import continue_rows, sum_neighbours, write_lines
+from navrl.ops.kernels.lines import continue_rows, sum_neighbors, write_lines
 from navrl.ops.kernels.nearest import (
     SMALLEST,
     WINDOW,
-    find_unproved,
+    find_unverified,
     first_column,
     is_ordered,
     search_window,
@@ -108,7 +108,9 @@ def find_own_nearest(points, weights, first, shift, target, is_windowed, gate, s
         start, ahead = first_column(shift, num_target), target[:, first:]
         squared[:] = math.inf
         search_window(x, y, ahead[0], ahead[1], start, squared, match)
-        find_unproved(x, y, weights, ahead[2], ahead[3], start, WINDOW, gate * gate, squared, flags)
+        find_unverified(
+            x, y, weights, ahead[2], ahead[3], start, WINDOW, gate * gate, squared, flags
+        )
     for index in range(x.shape[0]):
         match[index] += first
         if flags[index] != 0:
@@ -191,7 +193,7 @@ def fit_own_lines(rows, padded, sums, lines):
     cuda.syncthreads()
     first, stop = own_columns(count)
     end = stop + 2 * HALF_WINDOW
-    sum_neighbours(padded[0, first:end], padded[1, first:end], sums[:, first:stop])
+    sum_neighbors(padded[0, first:end], padded[1, first:end], sums[:, first:stop])
     write_lines(sums[:, first:stop], lines[:, first:stop])
     repeat_columns(lines, count, first, stop)
     cuda.syncthreads()

@@ -5,14 +5,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 
-import numba
 import torch
 from numba import cuda
 from torch import Tensor
 
-from navrl.ops.kernels.compiler import as_array, cached
+from navrl.ops.kernels.compiler import SETTINGS, as_array, cached
 
-numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # evaluation runs few worlds, so occupancy is low
+SETTINGS.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # evaluation runs few worlds, so occupancy is low
 
 ROW_THREADS = 32  # threads per block with one row per thread; small to use all multiprocessors
 
@@ -34,13 +33,13 @@ class CudaKernel:
         self.function, self.threads = function, threads
         self.has_block_per_row = has_block_per_row
 
-    def __call__(self, *arguments: object) -> None:
-        rows = arguments[0].shape[0]
+    def __call__(self, first: Tensor, *others: object) -> None:
+        rows = first.shape[0]
         if rows == 0:
             return
         blocks = rows if self.has_block_per_row else -(-rows // self.threads)
-        launch = self._dispatcher[blocks, self.threads, _stream(arguments[0])]
-        launch(*(_on_device(argument) for argument in arguments))
+        launch = self._dispatcher[blocks, self.threads, _stream(first)]
+        launch(*(_on_device(argument) for argument in (first, *others)))
 
     @functools.cached_property
     def _dispatcher(self) -> Callable:
@@ -57,7 +56,7 @@ def block_per_row(threads: int) -> Callable[[Callable], CudaKernel]:
     return functools.partial(CudaKernel, threads=threads, has_block_per_row=True)
 
 
-def _stream(argument: object) -> object:
+def _stream(argument: Tensor) -> object:
     """Return the current stream of torch; 0 for the default stream and the CUDA simulator."""
     is_simulated = not (isinstance(argument, Tensor) and argument.is_cuda)
     handle = 0 if is_simulated else torch.cuda.current_stream(argument.device).cuda_stream
