@@ -1,11 +1,16 @@
 """Options and defaults of the whole test suite."""
 
+import functools
 import os
+import shutil
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tests run side by side; threads would fight
 
+from pathlib import Path
+
 import pytest
 import torch
+from filelock import FileLock
 
 torch.set_num_threads(1)
 
@@ -14,6 +19,58 @@ torch.set_num_threads(1)
 def subnormal_numbers():
     """Undo what a command does for its process, which hypothesis refuses to draw floats in."""
     torch.set_flush_denormal(False)
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory):
+    """Return a function that fills a named folder once per session, whichever worker asks first.
+
+    Its arguments are the name and a function that is called with the empty folder.
+    """
+    root = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent  # of all workers
+    (root / "once").mkdir(exist_ok=True)
+
+    def filled(name, fill) -> Path:
+        folder, done = root / "once" / name, root / "once" / f"{name}.done"
+        with FileLock(f"{folder}.lock"):
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # what a failed attempt left
+                folder.mkdir()
+                fill(folder)
+                done.touch()
+        return folder
+
+    return filled
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_kernels(request, once):
+    """Compile kernels once for a whole run, shared out between the workers."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if not worker or len(request.session.items) < 1000:
+        return  # a few tests compile what they need
+
+    def play(policy, folder):
+        from navrl import jobs
+        from navrl.config import compose
+
+        words = ["suite=smoke", "suite.num_episodes=1", "num_worlds=1", "num_threads=1"]
+        words += ["environment.time_limit_steps=2", "progress_bar=false", f"policy={policy}"]
+        jobs.run_evaluation(compose("evaluate", words), folder)
+
+    policies = ["paper", "oracle"]  # the longest kernels: ICP, and search in space and time
+    for policy in policies if worker[-1] in "02468" else reversed(policies):
+        once(f"kernels_{policy}", functools.partial(play, policy))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Give each worker consecutive tests, which share fixtures, and idle workers a part of them."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getvalue("dist") == "load" else None
 
 
 def pytest_addoption(parser):

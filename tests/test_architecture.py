@@ -16,6 +16,7 @@ RANK = {
     "extras": 0,
     "files": 0,
     "untrusted": 0,
+    "processes": 0,
     "progress_bar": 0,
     "worlds": 1,
     "sim": 2,

@@ -25,7 +25,8 @@ class Recorder:
         self.found.append(str(module_path))
         return Listing.from_parent(parent, path=module_path, name=module_path.name)
 
-pytest.main(["--collect-only", "-qq", "-p", "no:cacheprovider"], plugins=[Recorder()])
+options = ["--collect-only", "-qq", "-p", "no:cacheprovider", "--noconftest"]
+pytest.main(options, plugins=[Recorder()])
 print(json.dumps(Recorder.found))
 """
 

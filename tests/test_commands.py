@@ -1,13 +1,22 @@
 """Every command that README and docs print does what it says, on fewer and shorter episodes."""
 
-import os
+import hashlib
+import itertools
+import json
 import re
 import shlex
+import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from unittest import mock
 
 import pages
 import pytest
+from omegaconf import OmegaConf
+
+from navrl import viz
+from navrl.config import CONF_DIR, compose
 
 # What the commands of a program are shortened by: words that set a key take its place.
 EPISODES = ("environment.time_limit_steps=3", "progress_bar=false", "num_threads=1")
@@ -35,16 +44,18 @@ STANDS_FOR = {
     "recording=FILE": f"recording={RUN}/episode.npz",
     "experiment=NAME": "experiment=paper",
     "source=navrl/policies/zoo": f"source={pages.ROOT / 'navrl/policies/zoo'}",
-    "navrl-evaluate -m policy=all": "navrl-evaluate -m policy=stand_still,dwa",
     "policy=FOLDER": "policy=paper",
     "policy=PATH": "policy=paper",
     "000017.npz": "000001.npz",
-    "sweep=density policy=all": "sweep=density policy=stand_still",
-    "sweep=density policy=navrl-best,paper": "sweep=density policy=stand_still",
-    "sweep=speed policy=navrl-best,paper": "sweep=speed policy=stand_still",
-    "policy=all simulator=bullet": "policy=paper,dwa simulator=bullet",
     "navrl-suites check table1": "navrl-suites check validation",
     "navrl-suites freeze": "navrl-suites freeze validation",
+}
+# Policies of sweeps in the default run; tests/cli/test_evaluation_sweep.py expands the words.
+FEWER = {
+    "policy=all simulator=bullet": "policy=paper,dwa simulator=bullet",
+    "policy=all": "policy=stand_still,dwa",
+    "policy=zoo,dwa": "policy=paper,dwa",
+    "policy=navrl-best,paper": "policy=stand_still",
 }
 # Several machines, a scheduler or a service that a test has not: what they choose is composed.
 ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "collector=ray")
@@ -77,18 +88,14 @@ OTHERS = {
     MINE,  # the last test
 }
 OWN_TESTS = {"extending.md"}  # tests/test_extending.py
-PAGES = [page for page in pages.PAGES if pages.commands(page) and page.name not in OWN_TESTS]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A user's folder with a training run in it."""
-    folder = tmp_path_factory.mktemp("user")
-    before = Path.cwd()
-    os.chdir(folder)
-    pages.run("navrl-train", *SHORTER["navrl-train"], f"hydra.run.dir={RUN}")
-    yield folder
-    os.chdir(before)
+COMMANDS = [
+    pytest.param(page, command, id=f"{page.name}-{k}")
+    for page in pages.PAGES
+    if page.name not in OWN_TESTS
+    for k, command in enumerate(pages.commands(page))
+    if not command.startswith(tuple(OTHERS))
+]
+SWEEPS = [case for case in COMMANDS if re.match(r"navrl-(train|evaluate) -m ", case.values[1])]
 
 
 def shortened(command: str) -> tuple[str, tuple[str, ...]]:
@@ -108,56 +115,159 @@ def shortened(command: str) -> tuple[str, tuple[str, ...]]:
         extra = (*extra, "collector.num_workers=2")
     others = "plot|report|compare|publish|suites"
     if not re.search(rf" -m |hydra\.run\.dir=|resume=|^navrl-({others})", command):
-        # the default folder is named by the second: too coarse for what runs in less
-        extra = (*extra, f"hydra.run.dir=outputs/{len(os.listdir('outputs'))}")
+        extra = (*extra, "hydra.run.dir=outputs/printed")
     if "num_processes=" in command:
         extra = tuple(word for word in extra if not word.startswith("num_threads="))
     return command, extra
 
 
-def check(command: str, capsys) -> None:
+def choices(command: str) -> dict[str, list[str]]:
+    """Return the keys that a command sweeps over, and their values."""
+    words = dict(word.split("=", 1) for word in shlex.split(command) if "=" in word)
+    if "sweep" in words:
+        node = OmegaConf.load(CONF_DIR / "sweep" / f"{words['sweep']}.yaml")
+        words = {key: str(value) for key, value in node.hydra.sweeper.params.items()} | words
+    values = {key: re.split(r",(?![^\[]*\])", value) for key, value in words.items()}
+    return {key: several for key, several in values.items() if len(several) > 1}
+
+
+def two_jobs(command: str) -> str:
+    """Shorten a sweep to the first and the last value of its last key; check the other values."""
+    for printed, here in FEWER.items():
+        command = command.replace(printed, here)
+    several = choices(command)
+    if not several:
+        return command
+    first = {key: values[0] for key, values in several.items()}
+    for key, values in several.items():
+        for value in values[1:-1]:
+            job = [f"{name}={given}" for name, given in (first | {key: value}).items()]
+            compose(command.split()[0].removeprefix("navrl-"), job)
+    last = next(reversed(several))
+    kept = {key: values[:1] for key, values in several.items()}
+    kept[last] = [several[last][0], several[last][-1]]
+    words = [word for word in shlex.split(command) if word.partition("=")[0] not in several]
+    return shlex.join([*words, *(f"{key}={','.join(values)}" for key, values in kept.items())])
+
+
+def produced(command: str) -> str | None:
+    """Return the folder that a command writes, if the page can name it."""
+    folder = re.search(r"hydra\.(?:run|sweep)\.dir=(\S+)", command)
+    sweep = re.search(r"^navrl-(\w+) .*\bsweep=(\w+)", command)
+    return folder[1] if folder else f"outputs/{sweep[1]}/{sweep[2]}" if sweep else None
+
+
+def needed(page: Path, command: str) -> list[str]:
+    """Return the commands further up the page whose folder this one reads or continues."""
+    before = list(itertools.takewhile(lambda other: other != command, pages.commands(page)))
+    reads = f"{command} {produced(command)}"
+    return [other for other in before if (folder := produced(other)) and folder in reads]
+
+
+def undrawn():
+    """Let trainings write empty pictures: the first one of a session draws them all."""
+    functions = ("plot_curves", "save_gif", "save_png")
+    return mock.patch.multiple(viz, **dict.fromkeys(functions, lambda _, file: file.touch()))
+
+
+class Bench:
+    """Runs each command once per session in a user's folder of its own."""
+
+    def __init__(self, once, monkeypatch, capsys):
+        self._once, self._monkeypatch, self._capsys = once, monkeypatch, capsys
+
+    def run(self, command: str, extra: tuple[str, ...], before: list[Path], drawn: bool) -> Path:
+        """Run a command after others; return its folder, with what it said in a file beside it.
+
+        Args:
+            command: The command.
+            extra: More words, see :func:`pages.run`.
+            before: Folders of the commands that ran before; a training is always there.
+            drawn: Whether a training draws its pictures.
+        """
+        words = [*pages.arguments(command, extra), *map(str, before), str(drawn)]
+        name = hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
+        before = before or [self._once("trained", self._train) / "user"]
+        drawing = nullcontext if drawn or not command.startswith("navrl-train") else undrawn
+
+        def fill(folder):
+            with drawing():
+                self._run(folder, command, extra, before)
+
+        return self._once(name, fill) / "user"
+
+    def _train(self, folder: Path) -> None:
+        (folder / "user").mkdir()
+        self._monkeypatch.chdir(folder / "user")
+        pages.run("navrl-train", *SHORTER["navrl-train"], f"hydra.run.dir={RUN}")
+
+    def _run(self, folder, command, extra, before):
+        for state in before:
+            shutil.copytree(state, folder / "user", dirs_exist_ok=True)
+        self._monkeypatch.chdir(folder / "user")
+        self._capsys.readouterr()
+        status = pages.exit_status(command, *extra)
+        said = self._capsys.readouterr()
+        (folder / "said.json").write_text(json.dumps([status, said.out, said.err]))
+
+
+@pytest.fixture
+def bench(once, monkeypatch, capsys):
+    return Bench(once, monkeypatch, capsys)
+
+
+def executed(bench: Bench, page: Path, command: str, whole: bool = False) -> Path:
+    """Run a printed command after those it needs; return its folder."""
+    before = [executed(bench, page, other, whole) for other in needed(page, command)]
+    small, extra = shortened(command)
+    if not whole and re.match(r"navrl-(train|evaluate) -m ", small):
+        small = two_jobs(small)
+    return bench.run(small, extra, before, drawn=whole)
+
+
+def check(bench: Bench, page: Path, command: str, whole: bool = False) -> None:
     """Run a command; it ends well, or as it must on a machine without GPU or display."""
-    if any(word in command for word in ELSEWHERE):
-        single = re.sub(r"(?<=\s)(-m|hydra/\S+|hydra\.launcher\S+)(?=\s)", "", f"{command} ")
-        single = re.sub(r"=([^\s,\[]+),\S+", r"=\1", single)  # the first of each choice
-        pages.run(single, "--cfg", "job")
-        assert "collector:" in capsys.readouterr().out
-        return
     lacking = [there for word, there in NEEDS.items() if word in command]
-    command, extra = shortened(command)
-    try:
-        status = pages.run(command, *extra)
-    except SystemExit as end:
-        status = end.code
-    told = capsys.readouterr()
+    folder = executed(bench, page, command, whole)
+    status, _, said = json.loads((folder.parent / "said.json").read_text())
     if lacking and status:
-        assert told.err.startswith("navrl: ") and lacking[0] in told.err.lower(), told.err
-        assert len(told.err.strip().splitlines()) == 1
+        assert said.startswith("navrl: ") and lacking[0] in said.lower(), said
+        assert len(said.strip().splitlines()) == 1
     else:
-        assert not status, f"{command}: {told.err[-2000:]}"
+        assert not status, f"{command}: {said[-2000:]}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
-def test_printed_commands_run(page, folder, capsys):
-    for command in pages.commands(page):
-        if any(command.startswith(other) for other in OTHERS):
-            continue
-        assert shlex.split(command)[0] in SHORTER, command
-        check(command, capsys)
+@pytest.mark.parametrize(("page", "command"), COMMANDS)
+def test_printed_command_runs(page, command, bench, capsys):
+    assert shlex.split(command)[0] in SHORTER, command
+    if not any(word in command for word in ELSEWHERE):
+        return check(bench, page, command)
+    single = re.sub(r"(?<=\s)(-m|hydra/\S+|hydra\.launcher\S+)(?=\s)", "", f"{command} ")
+    single = re.sub(r"=([^\s,\[]+),\S+", r"=\1", single)  # the first of each choice
+    pages.run(single, "--cfg", "job")
+    assert "collector:" in capsys.readouterr().out
 
 
-def test_users_config_folder_needs_no_edit(folder, monkeypatch):
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "command"), SWEEPS)
+def test_all_jobs_of_printed_sweep_run(page, command, bench):
+    if not any(word in command for word in ELSEWHERE):
+        check(bench, page, command, whole=True)
+
+
+def test_users_config_folder_needs_no_edit(tmp_path, monkeypatch):
     page = pages.ROOT / "docs" / "configuration.md"
     assert MINE in pages.commands(page)
+    monkeypatch.chdir(tmp_path)
     for name, text in pages.files(page).items():
-        (folder / name).parent.mkdir(parents=True)
-        (folder / name).write_text(text)
-    (folder / "my_package.py").write_text(
+        Path(name).parent.mkdir(parents=True)
+        Path(name).write_text(text)
+    Path("my_package.py").write_text(
         "from torchrl.envs import Transform\n\n\nclass Jitter(Transform):\n    pass\n"
     )
-    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.syspath_prepend(str(tmp_path))
     try:
         pages.run(MINE, *SHORTER["navrl-train"], "hydra.run.dir=mine")
     finally:
         sys.modules.pop("my_package", None)  # other tests have one of this name too
-    assert "_target_: my_package.Jitter" in (folder / "mine" / "config.yaml").read_text()
+    assert "_target_: my_package.Jitter" in Path("mine/config.yaml").read_text()

@@ -25,11 +25,14 @@ PACKAGES = [
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
+def site(once):
     for needed in ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers"):
         if importlib.util.find_spec(needed) is None:
             pytest.skip(f"the site needs {needed}: pip install -e '.[test,docs]'")
-    folder = tmp_path_factory.mktemp("site")
+    return once("site", build)
+
+
+def build(folder):
     result = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
         cwd=ROOT,
@@ -39,7 +42,6 @@ def site(tmp_path_factory):
         timeout=300,
     )
     assert result.returncode == 0, result.stderr[-3000:]
-    return folder
 
 
 def words(page: Path) -> str:

@@ -1,8 +1,8 @@
 """What a user gets wrong is answered by one line that names it, and exit status 2."""
 
-import subprocess
-import sys
+import shlex
 
+import pages
 import pytest
 
 CASES = [
@@ -24,18 +24,13 @@ CASES = [
 
 
 @pytest.mark.parametrize(("command", "overrides", "words"), CASES, ids=lambda v: str(v)[:30])
-def test_error_is_one_line(command, overrides, words, tmp_path):
-    code = f"import sys; from navrl.cli.{command} import main; sys.argv[0] = 'navrl'; main()"
-    result = subprocess.run(
-        [sys.executable, "-c", code, *overrides, "hydra.run.dir=."],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    lines = [line for line in result.stderr.splitlines() if line.startswith("navrl: ")]
-    assert result.returncode == 2, result.stderr
+def test_error_is_one_line(command, overrides, words, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    status = pages.exit_status(shlex.join([f"navrl-{command}", *overrides, "hydra.run.dir=."]))
+    printed = capfd.readouterr().err
+    lines = [line for line in printed.splitlines() if line.startswith("navrl: ")]
+    assert status == 2, printed
     assert len(lines) == 1
-    assert "Traceback" not in result.stderr
+    assert "Traceback" not in printed
     for word in words:
         assert word in lines[0]

@@ -20,14 +20,17 @@ def run(*command, cwd):
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("dist")
+def built(once):
+    folder = once("dist", build)
+    return next(folder.glob("*.whl")), next(folder.glob("*.tar.gz"))
+
+
+def build(folder):
     code = (
         "from hatchling.build import build_wheel, build_sdist; import sys\n"
         "print(build_wheel(sys.argv[1])); print(build_sdist(sys.argv[1]))"
     )
-    wheel, sdist = run(sys.executable, "-c", code, str(folder), cwd=ROOT).split()
-    return folder / wheel, folder / sdist
+    assert len(run(sys.executable, "-c", code, str(folder), cwd=ROOT).split()) == 2
 
 
 def test_wheel_and_sdist_contain_all_of_conf(built):

@@ -42,6 +42,14 @@ def test_the_workflow_runs_the_ci_script():
     assert "bash .ci/run" in text and "-c constraints.txt" in text
 
 
+def test_slow_tests_run_every_night():
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text())
+    nightly = workflow["jobs"]["nightly"]
+    assert workflow[True]["schedule"] and nightly["if"] == "github.event_name == 'schedule'"
+    commands = [step["run"] for step in nightly["steps"] if "run" in step]
+    assert commands[-1] == "python -m pytest -n auto --run-slow"
+
+
 def test_missing_annotations_and_docstrings_do_not_increase():
     command = [sys.executable, "-m", "ruff", "check", "--no-cache", "--output-format", "concise"]
     command += ["--select", ",".join(LEFT), "--ignore", "E", "navrl"]

@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_all_start_methods, get_context
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,9 +28,11 @@ from navrl.factory.environment import num_threads, set_threads
 from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options
 from navrl.jobs.run_folder import result_values
+from navrl.processes import import_in_server, worker_context
 from navrl.progress_bar import progress_bar
 from navrl.worlds import Scenario, ScenarioBatch
 
+import_in_server(__name__)
 _UNFINISHED = "unfinished"  # folder of finished chunks
 Chunk = tuple[range, list[EpisodeRecord]]
 
@@ -111,7 +112,8 @@ class _Player:
         folder: Path,
         make: Callable[[DictConfig], Playable],
     ) -> None:
-        kept = cfg.get("recordings", "none")
+        cfg, kept = cfg.copy(), cfg.get("recordings", "none")
+        cfg.num_worlds = min(cfg.num_worlds, len(scenarios))  # more would play episodes twice
         self._batch, self._evaluated = ScenarioBatch.pack(scenarios), make(cfg)
         self._recorder, self._metrics = None, make_metrics(cfg)
         if kept != "none":
@@ -144,11 +146,7 @@ def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chu
         return
     cfg = arguments[0].copy()
     set_default(cfg, "num_threads", max(1, num_threads(cfg) // processes))
-    # Do not fork: this process may run threads of torch and of the kernels.
-    method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
-    with ProcessPoolExecutor(
-        processes, get_context(method), _start, (cfg, *arguments[1:])
-    ) as workers:
+    with ProcessPoolExecutor(processes, worker_context(), _start, (cfg, *arguments[1:])) as workers:
         try:
             for job in as_completed([workers.submit(_play_in_worker, chunk) for chunk in chunks]):
                 yield job.result()

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import current_process, get_all_start_methods, get_context
+from multiprocessing import current_process
 from typing import Protocol
 
+from navrl.processes import worker_context
 from navrl.worlds.batch import ScenarioBatch
 from navrl.worlds.frozen import episodes_hash, frozen_episodes
 from navrl.worlds.scenario import Scenario
@@ -82,9 +83,7 @@ class Suite:
         # A daemonic process, as in vector environments, cannot start children.
         if num_workers <= 1 or len(indices) < 32 or current_process().daemon:
             return [sample(index) for index in indices]
-        # Do not fork: this process may run threads of torch and of the kernels.
-        method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
-        with ProcessPoolExecutor(num_workers, mp_context=get_context(method)) as workers:
+        with ProcessPoolExecutor(num_workers, mp_context=worker_context()) as workers:
             return list(workers.map(sample, indices, chunksize=16))
 
     def batch(self, num_workers: int = 1) -> ScenarioBatch:

@@ -1,11 +1,13 @@
 """The command as a user runs it, small and quick. Speeds are shown, never asserted."""
 
+import contextlib
+import io
 import json
 import math
-import subprocess
-import sys
+import shlex
 from importlib.util import find_spec
 
+import pages
 import pytest
 import torch
 
@@ -17,7 +19,8 @@ from navrl.jobs.row_names import ROWS
 from navrl.viz import plot_benchmark
 
 COMMAND = [
-    *(sys.executable, "-m", "navrl.cli.benchmark", "effort=quick", "num_worlds=8"),
+    *("navrl-benchmark", "effort=quick", "effort.repeats=1", "num_worlds=8"),
+    *("effort.step_worlds=8", "effort.memory_worlds=8"),
     *("pool_size=4", "scenario=corridor", "network=small", "replay.batch_size=8"),
     "hydra.run.dir=run",
 ]
@@ -42,11 +45,16 @@ WITHOUT_OTHERS = {
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("benchmark")
-    result = subprocess.run(COMMAND, cwd=folder, capture_output=True, text=True, timeout=900)
-    assert result.returncode == 0, result.stderr[-3000:]
-    return folder / "run", result.stdout
+def run(once):
+    folder = once("benchmark", measured)
+    return folder / "run", (folder / "printed").read_text()
+
+
+def measured(folder):
+    """Run the command in a folder; write there what it prints."""
+    with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert pages.exit_status(shlex.join(COMMAND)) == 0
+    (folder / "printed").write_text(printed.getvalue())
 
 
 def test_the_json_has_all_rows_with_proper_numbers(run):

@@ -1,37 +1,40 @@
 """``navrl-compare A B``: folders as words, errors in a line."""
 
-import subprocess
-import sys
+import shlex
 
+import pages
+import pytest
 from evaluated import HIT, WON, write_evaluation
 
 
-def compare(folder, *words):
-    return subprocess.run(
-        [sys.executable, "-m", "navrl.cli.compare", *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+@pytest.fixture
+def compare(tmp_path, monkeypatch, capfd):
+    """Return a function that runs the command there; it returns exit status, output and errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        status = pages.exit_status(shlex.join(["navrl-compare", *words]))
+        return status, *capfd.readouterr()
+
+    return run
 
 
-def test_folder_arguments_use_the_first_as_reference(tmp_path):
+def test_folder_arguments_use_the_first_as_reference(tmp_path, compare):
     write_evaluation(tmp_path / "policy=paper", "paper", [WON, WON, HIT])
     write_evaluation(tmp_path / "b", "dwa", [WON, HIT, HIT])
-    done = compare(tmp_path, "policy=paper", "b", "out=tables")
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert "success vs `paper`" in done.stdout
-    assert "-33.3" in done.stdout
+    status, printed, errors = compare("policy=paper", "b", "out=tables")
+    assert status == 0, errors
+    assert "success vs `paper`" in printed
+    assert "-33.3" in printed
     names = {file.name for file in (tmp_path / "tables").iterdir()}
     assert names == {f"comparison{end}" for end in (".md", ".csv", ".json", "_metrics.csv")}
     left = {file.name for file in tmp_path.iterdir()}
     assert left == {"policy=paper", "b", "tables"}  # no run folder, no log
 
 
-def test_different_episodes_are_a_one_line_error(tmp_path):
+def test_different_episodes_are_a_one_line_error(tmp_path, compare):
     write_evaluation(tmp_path / "a", "paper", [WON])
     write_evaluation(tmp_path / "b", "dwa", [WON], suite_hash="other")
-    done = compare(tmp_path, "a", "b")
-    assert done.returncode == 2
-    assert "not the same episodes" in done.stderr and done.stderr.count("\n") == 1
+    status, _, errors = compare("a", "b")
+    assert status == 2
+    assert "not the same episodes" in errors and errors.count("\n") == 1

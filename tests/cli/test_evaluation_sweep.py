@@ -1,9 +1,9 @@
 """``navrl-evaluate -m policy=all``: one folder a policy, one table, nothing played twice."""
 
 import json
-import subprocess
-import sys
+import shlex
 
+import pages
 import pytest
 
 from navrl.config import compose, folder_name
@@ -20,14 +20,18 @@ TINY = [
 ]
 
 
-def evaluate(folder, *overrides):
-    return subprocess.run(
-        [sys.executable, "-m", "navrl.cli.evaluate", "-m", *TINY, *overrides],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
+@pytest.fixture
+def evaluate(tmp_path, monkeypatch, capfd):
+    """Return a function that runs a sweep in the test's folder and returns what it printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*overrides):
+        status = pages.exit_status(shlex.join(["navrl-evaluate", "-m", *TINY, *overrides]))
+        printed, errors = capfd.readouterr()
+        assert status == 0, errors[-3000:]
+        return printed
+
+    return run
 
 
 def test_group_words_expand_to_existing_policies():
@@ -46,18 +50,16 @@ def test_controller_without_its_library_is_skipped(monkeypatch, caplog):
     assert expand_policies(["orca"]) == ["orca"]  # asked for by name: the error is its own
 
 
-def test_sweep_prints_one_table_and_repeats_no_job(tmp_path):
-    first = evaluate(tmp_path, "policy=pure_pursuit,stand_still")
-    assert first.returncode == 0, first.stderr[-3000:]
+def test_sweep_prints_one_table_and_repeats_no_job(tmp_path, evaluate):
+    first = evaluate("policy=pure_pursuit,stand_still")
     (job,) = (tmp_path / "sweep").glob("*/pure_pursuit")
     assert (job / "summary.json").is_file()
     before = (job / "summary.json").stat().st_mtime_ns
-    assert "| `pure_pursuit` | 3 |" in first.stdout
+    assert "| `pure_pursuit` | 3 |" in first
 
-    again = evaluate(tmp_path, "policy=pure_pursuit,random,stand_still")
-    assert again.returncode == 0, again.stderr[-3000:]
+    again = evaluate("policy=pure_pursuit,random,stand_still")
     assert (job / "summary.json").stat().st_mtime_ns == before
-    assert "finished before" in again.stdout
+    assert "finished before" in again
     (table,) = json.loads((tmp_path / "sweep" / "comparison.json").read_text())
     assert {row["policy"] for row in table["rows"]} == {"pure_pursuit", "random", "stand_still"}
     assert (tmp_path / "sweep" / "comparison.md").is_file()
@@ -80,25 +82,18 @@ def test_folder_names_are_short_and_distinct():
     assert folder_name("../..") == "job"
 
 
-def test_one_word_sweeps_over_suites(tmp_path):
+def test_one_word_sweeps_over_suites(tmp_path, evaluate):
     words = ["sweep=speed", "policy=stand_still", "suite=speed_corridor,speed_office"]
     words += ["suite.distribution.speed=[0.2,0.2],[1.0,1.0]", *TINY[1:-1]]
-    done = evaluate(tmp_path, *words, "hydra.sweep.dir=outputs/evaluate/speed")
-    assert done.returncode == 0, done.stderr[-3000:]
+    evaluate(*words, "hydra.sweep.dir=outputs/evaluate/speed")
     tables = json.loads((tmp_path / "outputs/evaluate/speed/comparison.json").read_text())
     assert {table["suite"] for table in tables} == {
         *("speed_corridor_0.2", "speed_corridor_1.0", "speed_office_0.2", "speed_office_1.0")
     }
 
 
-def test_a_sweep_over_suites_trains_nothing(tmp_path):
-    result = subprocess.run(
-        [sys.executable, "-m", "navrl.cli.train", "-m", "sweep=speed"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert result.returncode == 2
-    assert "policy" in result.stderr.splitlines()[-1]
+def test_a_sweep_over_suites_trains_nothing(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert pages.exit_status("navrl-train -m sweep=speed") == 2
+    assert "policy" in capfd.readouterr().err.splitlines()[-1]
     assert not list(tmp_path.rglob("metrics.csv"))

@@ -1,21 +1,44 @@
 """Commands that simulate nothing import neither torch nor numba nor matplotlib."""
 
+import json
 import subprocess
 import sys
 
 import pytest
 
 HEAVY = ("torch", "tensordict", "numba", "matplotlib", "skimage", "scipy")
-RUN = """
-import importlib, sys
-module = importlib.import_module(f"navrl.cli.{sys.argv[1]}")
-sys.argv = [f"navrl-{sys.argv[1]}", *sys.argv[2:]]
-try:
-    module.main()
-except SystemExit:
-    pass
+# Reads pieces of code and runs each in a fork of a process that has imported hydra alone; prints
+# which heavy packages each of them imported, or that it ended by an error.
+FORKING = f"""
+import importlib, json, os, sys, traceback
+import hydra
+assert not any(name.startswith("navrl") for name in sys.modules)
+
+def run(words):
+    module = importlib.import_module(f"navrl.cli.{{words[0]}}")
+    sys.argv = [f"navrl-{{words[0]}}", *words[1:]]
+    try:
+        module.main()
+    except SystemExit:
+        pass
+
+results = {{}}
+for code in json.load(sys.stdin):
+    reading, writing = os.pipe()
+    if os.fork() == 0:
+        os.dup2(2, 1)
+        try:
+            exec(code)
+            loaded = [name for name in {HEAVY} if name in sys.modules]
+        except BaseException:
+            loaded = traceback.format_exc()
+        os.write(writing, json.dumps(loaded).encode())
+        os._exit(0)
+    os.close(writing)
+    results[code] = json.load(os.fdopen(reading))
+    os.wait()
+print(json.dumps(results))
 """
-REPORT = f"print('loaded', [name for name in {HEAVY} if name in sys.modules])"
 COMMANDS = [
     *(f"{name} --help" for name in ("train", "evaluate", "play", "plot", "compare", "benchmark")),
     *(f"{name} --help" for name in ("publish", "report", "suites")),
@@ -37,30 +60,38 @@ COMMANDS = [
 ]
 
 
-def loaded(code, *words, cwd):
-    """Return the line that names the heavy modules a process imported."""
-    command = [sys.executable, "-c", f"{code}\n{REPORT}", *words]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+IMPORTS = [
+    "import navrl",
+    "import navrl.factory, navrl.jobs, navrl.evaluation, navrl.viz, navrl.worlds",
+    "from navrl.policies import zoo_names; assert 'paper' in zoo_names()",
+    "import navrl.jobs.sweeps",
+]
+
+
+def fork_all(folder):
+    """Run all commands and imports; write to a folder what each of them imported."""
+    codes = [*(f"run({words.split()})" for words in COMMANDS), *IMPORTS]
+    command = [sys.executable, "-c", FORKING]
+    done = subprocess.run(
+        command, cwd=folder, input=json.dumps(codes), capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout.splitlines()[-1]
+    (folder / "loaded.json").write_text(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def loaded(once):
+    return json.loads((once("startup", fork_all) / "loaded.json").read_text())
 
 
 @pytest.mark.parametrize("words", COMMANDS)
-def test_light_commands_import_no_heavy_package(words, tmp_path):
-    assert loaded(RUN, *words.split(), cwd=tmp_path) == "loaded []"
+def test_light_commands_import_no_heavy_package(words, loaded):
+    assert loaded[f"run({words.split()})"] == []
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import navrl",
-        "import navrl.factory, navrl.jobs, navrl.evaluation, navrl.viz, navrl.worlds",
-        "from navrl.policies import zoo_names; assert 'paper' in zoo_names()",
-        "import navrl.jobs.sweeps",
-    ],
-)
-def test_light_imports_load_no_heavy_package(code, tmp_path):
-    assert loaded(f"import sys\n{code}", cwd=tmp_path) == "loaded []"
+@pytest.mark.parametrize("code", IMPORTS)
+def test_light_imports_load_no_heavy_package(code, loaded):
+    assert loaded[code] == []
 
 
 @pytest.mark.parametrize("package", ["factory", "jobs", "evaluation", "viz", "worlds", "policies"])

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 
+import pages
 import pytest
 from omegaconf import OmegaConf
 
@@ -50,10 +51,10 @@ def test_final_score_defaults_to_the_training_simulator():
     assert cfg.final_simulator["_target_"].endswith("BulletSimulator")
 
 
-def test_unknown_sweep_error_lists_known_sweeps(tmp_path):
-    result = train(tmp_path, "-m", "sweep=everything")
-    assert result.returncode == 2
-    (line,) = [x for x in result.stderr.splitlines() if x.startswith("navrl: ")]
+def test_unknown_sweep_error_lists_known_sweeps(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert pages.exit_status("navrl-train -m sweep=everything") == 2
+    (line,) = [x for x in capfd.readouterr().err.splitlines() if x.startswith("navrl: ")]
     assert "sweep/everything" in line and all(name in line for name in SWEEPS)
 
 

@@ -6,6 +6,7 @@ import importlib
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from unittest import mock
 
@@ -68,11 +69,25 @@ def run(command: str, *extra: str) -> object:
         command: As printed; ``NAME=VALUE`` before it is the caller's business.
         extra: More words; one that sets what the command sets already takes its place.
     """
+    words = arguments(command, extra)
+    module = importlib.import_module(words[0].replace("navrl-", "navrl.cli.", 1))
+    with mock.patch.object(sys, "argv", words):
+        return module.main()
+
+
+def exit_status(command: str, *extra: str) -> int:
+    """Run one of our commands as :func:`run` does; return the exit status of its process."""
+    try:
+        run(command, *extra)
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+def arguments(command: str, extra: Sequence[str]) -> list[str]:
+    """Return what :func:`run` gives a command as ``sys.argv``."""
     words = shlex.split(command)
     start = next(k for k, word in enumerate(words) if word.startswith("navrl-"))
-    name, words = words[start], words[start + 1 :]
     keys = {word.lstrip("+").partition("=")[0] for word in extra if "=" in word}
-    kept = [word for word in words if word.lstrip("+").partition("=")[0] not in keys]
-    module = importlib.import_module(name.replace("navrl-", "navrl.cli.", 1))
-    with mock.patch.object(sys, "argv", [name, *kept, *extra]):
-        return module.main()
+    kept = [word for word in words[start:] if word.lstrip("+").partition("=")[0] not in keys]
+    return [*kept, *extra]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import multiprocessing.forkserver
 import os
 import signal
 import subprocess
@@ -20,6 +21,7 @@ from navrl.evaluation.unfinished import FinishedChunks
 from navrl.factory import EvaluatedPolicy
 from navrl.jobs import evaluation as building
 from navrl.jobs import run_evaluation
+from navrl.processes import worker_context
 from navrl.worlds import Scenario
 
 SHORT = ["suite=smoke", "num_worlds=2", "num_threads=1", "progress_bar=false"]
@@ -46,31 +48,64 @@ def test_results_do_not_depend_on_the_number_of_processes(alone, tmp_path):
     assert not (tmp_path / "unfinished").exists()
 
 
+def test_no_more_worlds_than_episodes_are_simulated(tmp_path, monkeypatch):
+    counts, make = [], building.make_evaluated_policy
+
+    def counting(cfg, **options):
+        counts.append(cfg.num_worlds)
+        return make(cfg, **options)
+
+    monkeypatch.setattr(building, "make_evaluated_policy", counting)
+    play(tmp_path, "num_worlds=100", "suite.num_episodes=2")
+    assert max(counts) == 2
+
+
+def test_server_of_worker_processes_imports_the_evaluation():
+    """Or each worker would import torch again."""
+    worker_context()
+    assert "navrl.jobs.playing" in multiprocessing.forkserver._forkserver._preload_modules
+
+
+CUT_OFF = (
+    "import sys, time; from navrl.jobs import playing, run_evaluation\n"
+    "from navrl.config import compose; from pathlib import Path\n"
+    "save = playing.FinishedChunks.save\n"
+    "def slow(*a):\n    save(*a); time.sleep(600)\n"
+    "playing.FinishedChunks.save = slow\n"
+    "if __name__ == '__main__':\n"
+    "    run_evaluation(compose('evaluate', sys.argv[2:]), Path(sys.argv[1]))\n"
+)
+
+
+def start_cut_off(arguments, folder):
+    """Start an evaluation that waits after its first chunk; return its process group."""
+    if "num_processes=1" not in arguments:
+        (folder / "cut_off.py").write_text(CUT_OFF)
+        command = [sys.executable, str(folder / "cut_off.py"), *arguments]
+        return subprocess.Popen(command, start_new_session=True).pid
+    child = os.fork()  # as above, without importing everything again
+    if child == 0:
+        os.setsid()
+        sys.argv = ["cut_off.py", *arguments]
+        try:
+            exec(CUT_OFF, {"__name__": "__main__"})
+        finally:
+            os._exit(1)
+    return child
+
+
 @pytest.mark.parametrize("processes", [1, 2])
 def test_killed_evaluation_resumes(alone, tmp_path, processes):
     """SIGKILL as soon as a chunk is finished; then the same command."""
     simulator, expected = alone
     words = ["policy=random", f"simulator={simulator}", *SHORT, f"num_processes={processes}"]
-    code = (
-        "import sys, time; from navrl.jobs import playing, run_evaluation\n"
-        "from navrl.config import compose; from pathlib import Path\n"
-        "save = playing.FinishedChunks.save\n"
-        "def slow(*a):\n    save(*a); time.sleep(600)\n"
-        "playing.FinishedChunks.save = slow\n"
-        "if __name__ == '__main__':\n"
-        "    run_evaluation(compose('evaluate', sys.argv[2:]), Path(sys.argv[1]))\n"
-    )
-    script = tmp_path / "cut_off.py"
-    script.write_text(code)
     folder = tmp_path / "run"
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(folder), *words], start_new_session=True
-    )
+    process = start_cut_off([str(folder), *words], tmp_path)
     while not list(folder.glob("unfinished/*.json")):
-        assert process.poll() is None
+        assert os.waitpid(process, os.WNOHANG) == (0, 0)
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    os.killpg(process, signal.SIGKILL)
+    os.waitpid(process, 0)
     (part,) = folder.glob("unfinished/*.json")
     # What is finished is believed, not played again: a mark in it reaches the result.
     records = json.loads(part.read_text())

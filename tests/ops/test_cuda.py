@@ -31,11 +31,15 @@ def run(script, file, **environment):
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory):
+def simulated(once):
     """What the simulator made of all cases, and the file that holds it."""
-    file = tmp_path_factory.mktemp("cuda") / "simulated.pickle"
-    run("cuda_simulation.py", file, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+    file = once("cuda", simulate) / "simulated.pickle"
     return file, pickle.loads(file.read_bytes())
+
+
+def simulate(folder):
+    file = folder / "simulated.pickle"
+    run("cuda_simulation.py", file, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -2,7 +2,9 @@
 
 import errno
 import os
+import signal
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +57,45 @@ def test_kernel_runs_without_a_writable_cache(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(cache, "replacing", full)
     assert doubled(tmp_path, monkeypatch) == [2, 2, 2]
     assert "not saved" in caplog.text and "no space left" in caplog.text
+
+
+def compile_in_child(folder, monkeypatch, start, compiled):
+    """Fork a process that compiles the kernel and notes it, slowly enough to be met."""
+    child = os.fork()
+    if child:
+        return child
+    save = cache.KernelFiles.save
+
+    def slow(files, key, data):
+        compiled.write(f"{os.getpid()}\n")
+        compiled.flush()
+        time.sleep(0.5)
+        save(files, key, data)
+
+    monkeypatch.setattr(cache.KernelFiles, "save", slow)
+    while time.monotonic() < start:
+        time.sleep(0.001)
+    os._exit(doubled(folder, monkeypatch) != [2, 2, 2])
+
+
+def test_processes_that_start_at_once_compile_once(tmp_path, monkeypatch):
+    start = time.monotonic() + 0.2
+    with (tmp_path / "compiled").open("a") as compiled:
+        folder = tmp_path / "kernels"
+        children = [compile_in_child(folder, monkeypatch, start, compiled) for _ in range(3)]
+        assert [os.waitpid(child, 0)[1] for child in children] == [0, 0, 0]
+    assert len((tmp_path / "compiled").read_text().splitlines()) == 1
+
+
+def test_a_process_killed_while_compiling_leaves_no_lock(tmp_path, monkeypatch):
+    child = os.fork()
+    if child == 0:
+        monkeypatch.setattr(
+            cache.KernelFiles, "save", lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+        )
+        doubled(tmp_path, monkeypatch)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+    assert doubled(tmp_path, monkeypatch) == [2, 2, 2]
 
 
 @pytest.fixture

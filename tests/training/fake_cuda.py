@@ -5,13 +5,16 @@ two devices that meet, and numbers that the host asks for and would have to wait
 few of torch's methods ask for a driver; they are replaced by operations that do not. Compiled
 kernels are not run: only where their arguments are is looked at.
 
-``fake_cuda.py [PLANTED] OVERRIDE...`` drives a few steps of a training so, in a process of its own
-since torch does not expect to be treated like this; prints what was launched or the error's name.
+``fake_cuda.py`` reads a JSON list of cases: lists of overrides, behind the name of an error to
+plant if there is one. It drives a few steps of a training for each, in a fork of its process since
+torch does not expect to be treated like this, and prints what each launched, or its error.
 """
 
 import gc
+import json
 import os
 import sys
+import traceback
 from types import SimpleNamespace
 
 import torch
@@ -175,7 +178,8 @@ def drive(cfg, pool, shapes, mode) -> list[torch.Tensor]:
     return [*stepped.values(True, True), outcomes, terms["loss_actor"]]
 
 
-def main(planted: str | None, overrides: list[str]) -> None:
+def launched_by(planted: str | None, overrides: list[str]) -> list[str]:
+    """Return the names of the kernels that a few steps of a training launch."""
     cfg, launched = compose("train", [*OPTIONS, *overrides]), []
     pool, env = make_pool(cfg), make_training_env(on_cpu(cfg), 0, num_worlds=1)
     shapes = observation_shapes(env)
@@ -188,19 +192,26 @@ def main(planted: str | None, overrides: list[str]) -> None:
         with torch.no_grad():
             results = drive(cfg, pool, shapes, mode)
         assert all(value.device.type == "cuda" for value in results)
-    print(*sorted(set(launched)))
+    return sorted(set(launched))
+
+
+def result(case: list[str]) -> list[str] | str:
+    planted = case[0] if case[0] in PLANTED else None
+    try:
+        return launched_by(planted, case[planted is not None :])
+    except Exception as error:
+        return [type(error).__name__] if planted else traceback.format_exc()
 
 
 if __name__ == "__main__":
     gc.disable()
-    try:
-        main(
-            sys.argv[1] if sys.argv[1] in PLANTED else None,
-            sys.argv[1 + (sys.argv[1] in PLANTED) :],
-        )
-    except Exception as error:
-        if sys.argv[1] not in PLANTED:
-            raise
-        print(type(error).__name__)
-    sys.stdout.flush()
-    os._exit(0)  # torch cannot take fake tensors down in order
+    results = []
+    for case in json.load(sys.stdin):
+        reading, writing = os.pipe()
+        if os.fork() == 0:
+            os.write(writing, json.dumps(result(case)).encode())
+            os._exit(0)  # torch cannot take fake tensors down in order
+        os.close(writing)
+        results.append(json.load(os.fdopen(reading)))
+        os.wait()
+    print(json.dumps(results))

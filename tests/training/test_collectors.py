@@ -34,7 +34,7 @@ KINDS = [
     pytest.param(["collector=process", "collector.sync=true"], marks=pytest.mark.slow),
     pytest.param(["collector=ray"], marks=needs_ray),
     pytest.param(["collector=ray", "collector.sync=true"], marks=[needs_ray, pytest.mark.slow]),
-    ["collector=distributed"],
+    pytest.param(["collector=distributed"], marks=pytest.mark.slow),  # a printed command runs it
     pytest.param(["collector=distributed", "collector.sync=true"], marks=pytest.mark.slow),
 ]
 

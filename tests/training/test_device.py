@@ -1,5 +1,6 @@
 """Everything that training does every step stays on its device, and waits for nothing."""
 
+import json
 import os
 import subprocess
 import sys
@@ -21,45 +22,64 @@ KERNELS |= {"add_range_noise_kernel", "min_pool_kernel"}
 OPTIONS = ["pool_size=8", "num_worlds=6", "num_threads=1", "experiment=paper"]
 
 
-def fake_training(*arguments: str) -> list[str]:
-    """Return what a training on a device that is not there printed, word by word."""
+FAST = [
+    ["experiment=paper", "replay=n_step"],
+    ["experiment=subgoal"],
+    ["mixed", "experiment=quick"],
+]
+SLOW = [
+    ["experiment=liang", "behaviour=guided"],
+    ["experiment=paper_literal", "reward=progress_potential"],
+    ["asked", "experiment=quick"],
+    ["copied", "experiment=quick"],
+]
+ERRORS = {
+    "mixed": "FakeTensorDeviceMismatchError",
+    "asked": "DataDependentOutputException",
+    "copied": "AssertionError",
+}
+
+
+@pytest.fixture(scope="module")
+def fake_training(once):
+    """Return a function that gives the result of a case on a device that is not there."""
+
+    def result(case):
+        cases = FAST if case in FAST else SLOW
+        folder = once(f"fake_cuda_{cases is FAST}", lambda folder: run_all(cases, folder))
+        return json.loads((folder / "results.json").read_text())[cases.index(case)]
+
+    return result
+
+
+def run_all(cases, folder):
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", HERE / "fake_cuda.py", *arguments],
+        [sys.executable, "-W", "ignore", HERE / "fake_cuda.py"],
         env={**os.environ, "PYTHONPATH": str(HERE.parents[1])},
+        input=json.dumps(cases),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()[-1].split()
+    (folder / "results.json").write_text(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ["experiment=paper", "replay=n_step"],
-        pytest.param(["experiment=liang", "behaviour=guided"], marks=pytest.mark.slow),
-        ["experiment=subgoal"],
-        pytest.param(
-            ["experiment=paper_literal", "reward=progress_potential"], marks=pytest.mark.slow
-        ),
-    ],
-    ids=lambda overrides: overrides[0].partition("=")[2],
-)
-def test_training_step_stays_on_its_device(overrides):
-    assert set(fake_training(*overrides)) >= KERNELS
+def marked(is_planted):
+    cases = [(case, ()) for case in FAST] + [(case, pytest.mark.slow) for case in SLOW]
+    found = [(case, mark) for case, mark in cases if (case[0] in ERRORS) == is_planted]
+    return [pytest.param(case, marks=mark, id=case[0]) for case, mark in found]
 
 
-@pytest.mark.parametrize(
-    "planted, error",
-    [
-        ("mixed", "FakeTensorDeviceMismatchError"),
-        pytest.param("asked", "DataDependentOutputException", marks=pytest.mark.slow),
-        pytest.param("copied", "AssertionError", marks=pytest.mark.slow),
-    ],
-)
-def test_device_transfer_is_detected(planted, error):
-    assert fake_training(planted, "experiment=quick") == [error]
+@pytest.mark.parametrize("case", marked(is_planted=False))
+def test_training_step_stays_on_its_device(case, fake_training):
+    launched = fake_training(case)
+    assert set(launched) >= KERNELS, launched
+
+
+@pytest.mark.parametrize("case", marked(is_planted=True))
+def test_device_transfer_is_detected(case, fake_training):
+    assert fake_training(case) == [ERRORS[case[0]]]
 
 
 @pytest.mark.gpu

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import logging
 import os
 import pickle
 import stat
+import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,9 +21,13 @@ from numba.core.serialize import dumps
 
 from navrl.files import explain_os_error, replacing
 
+if sys.platform != "win32":  # there, processes that start at once compile the same kernel
+    import fcntl
+
 LOG = logging.getLogger(__name__)
 _OPS = Path(__file__).parents[1]
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
+_LONGEST_COMPILE = 300.0  # s; after it a process compiles what another one is compiling
 
 
 class KernelFiles:
@@ -28,7 +35,8 @@ class KernelFiles:
 
     A kernel file is executed, so a damaged file is not loaded; the kernel is compiled again and the
     file replaced. The file name is a hash of everything the code depends on, so processes that
-    compile at the same time cannot mix up the files of two signatures.
+    compile at the same time cannot mix up the files of two signatures. If another process is
+    compiling the same signature, :meth:`load` waits for its file; the lock ends with the process.
 
     Args:
         folder: Folder of the files.
@@ -39,10 +47,19 @@ class KernelFiles:
     def __init__(self, folder: str | Path, name: str, stamp: object) -> None:
         self._folder, self._name = Path(folder), name
         self._versions = (numba.__version__, stamp)
+        self._locks: dict[Path, int] = {}
 
     def load(self, key: object) -> object | None:
-        """Return the data saved under ``key``; ``None`` if there is no usable file."""
+        """Return the data saved under ``key``; ``None`` if this process must compile it."""
         file = self._file(key)
+        data = self._read(file)
+        if data is None and self._lock(file):  # another process was compiling
+            data = self._read(file)
+        if data is not None:
+            self._unlock(file)
+        return data
+
+    def _read(self, file: Path) -> object | None:
         try:
             content = file.read_bytes()
         except FileNotFoundError:
@@ -58,17 +75,48 @@ class KernelFiles:
 
     def save(self, key: object, data: object) -> None:
         """Save ``data`` under ``key``; a failure is logged and the kernel runs uncached."""
-        code = dumps(data)
+        code, file = dumps(data), self._file(key)
         try:
-            with replacing(self._file(key)) as stream:
+            with replacing(file) as stream:
                 stream.write(hashlib.sha256(code).digest() + code)
         except OSError as error:
             LOG.warning("a compiled kernel is not saved: %s", explain_os_error(error))
+        finally:
+            self._unlock(file)
 
     def flush(self) -> None:
         """Remove all files of the kernel."""
         for file in self._folder.glob(f"{self._name}.*.nbc"):
             file.unlink(missing_ok=True)
+
+    def _lock(self, file: Path) -> bool:
+        """Take the lock of a file until it is saved; return whether another process had it."""
+        if sys.platform == "win32" or file in self._locks:
+            return False
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            lock = os.open(file.with_suffix(".lock"), os.O_CREAT | os.O_RDWR, 0o600)
+        except OSError:  # :meth:`save` reports it
+            return False
+        self._locks[file], start = lock, time.monotonic()
+        waited = False
+        while time.monotonic() < start + _LONGEST_COMPILE:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                waited = True
+                time.sleep(0.05)
+            except OSError:  # a file system without locks
+                break
+        return waited
+
+    def _unlock(self, file: Path) -> None:
+        lock = self._locks.pop(file, None)
+        if lock is not None:
+            with contextlib.suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_UN)  # of copies in forked processes too
+            os.close(lock)
 
     def _file(self, key: object) -> Path:
         whole = hashlib.sha256(repr((self._versions, key)).encode()).hexdigest()
