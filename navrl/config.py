@@ -28,6 +28,7 @@ CONF_DIR = next(
 )
 """Folder of configurations: inside the package in a wheel, beside it in a clone."""
 
+_BASE = "base"  # folder of configurations that are inherited, not chosen
 _LONGEST_NAME = 120  # characters of a folder's name; file systems allow 255 bytes
 
 USER_ERRORS = (ValueError, OSError, yaml.YAMLError, HydraException, OmegaConfBaseException)
@@ -134,7 +135,10 @@ def describe(error: BaseException) -> str:
     shown = explain_os_error(error) if isinstance(error, OSError) else str(error)
     text = re.sub(r"\s+", " ", shown).strip()
     text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
-    text = text.partition(" Config search path:")[0]
+    text = re.sub(rf"^In '({_BASE}/)?\w+': ", "", text.partition(" Config search path:")[0])
+    taken = re.match(r"'([\w/]+)' is validated against ConfigStore schema", text)
+    if taken is not None:
+        text = f"{taken[1]}: must have another name, navrl has an option of this one"
     name = "" if isinstance(error, USER_ERRORS) else f"{type(error).__name__}: "
     return f"{place}{name}{text}" + (allowed if isinstance(error, TypeError) else "")
 
@@ -182,7 +186,9 @@ def nearest_names(line: str, config_name: str) -> str:
 
 
 def _groups() -> list[str]:
-    return [folder.name for folder in CONF_DIR.iterdir() if folder.is_dir()]
+    return [
+        folder.name for folder in CONF_DIR.iterdir() if folder.is_dir() and folder.name != _BASE
+    ]
 
 
 def _leaves(cfg: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -9,7 +9,11 @@ from enum import EnumType
 from importlib import import_module
 from typing import Any
 
-RENAMED_KEYS = {"least_speed": "min_descriptor_speed", "most_speed": "max_descriptor_speed"}
+RENAMED_KEYS = {
+    "least_speed": "min_descriptor_speed",
+    "most_speed": "max_descriptor_speed",
+    "greed": "heuristic_weight",
+}
 """Configuration keys of version 0.1, anywhere in a node of a policy, and their present names."""
 
 RENAMED_INPUTS = {

@@ -14,7 +14,7 @@ from navrl.deprecation import RENAMED_INPUTS, input_key, renamed_arguments
 from navrl.factory.policy import make_runner, with_controller
 from navrl.networks import AttentionStream, CriticNetwork, VectorStream
 from navrl.policies import ZOO, load_bundle, zoo_names
-from navrl.policies.classical import DynamicWindow
+from navrl.policies.classical import DynamicWindow, SearchEffort
 from navrl.sim import Contact, DifferentialDrive, Simulator
 from navrl.transforms import ActionShield
 
@@ -25,6 +25,7 @@ MOVED = {
     "navrl.networks.restraint.restrain": "navrl.networks.saturation.penalize_saturation",
     "navrl.ops.contact.RUN_INTO": "navrl.ops.contact.HIT_BY_PEDESTRIAN",
     "navrl.ops.contact.blame": "navrl.ops.contact.classify_contact",
+    "navrl.ops.scan_layout.TURN": "navrl.ops.scan_layout.TWO_PI",
     "navrl.worlds.KINDS": "navrl.worlds.batch.KINDS",
 }
 
@@ -76,6 +77,13 @@ def test_renamed_contact_code_warns_and_resolves():
 def test_action_size_of_the_exploration_warns():
     with pytest.warns(DeprecationWarning, match="action_size is deprecated"):
         assert GaussianExploration(std=[1.0, 0.5]).action_size == 2
+
+
+def test_renamed_setting_of_the_oracle_warns():
+    with pytest.warns(DeprecationWarning, match="greed is deprecated: use heuristic_weight"):
+        effort = SearchEffort(margin=0.1, greed=2.0, max_nodes=10)
+    with pytest.warns(DeprecationWarning, match="greed is deprecated: use heuristic_weight"):
+        assert effort.greed == effort.heuristic_weight == 2.0
 
 
 def test_renamed_methods_warn_and_call_the_new_ones():

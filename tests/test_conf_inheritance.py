@@ -91,6 +91,27 @@ def test_misspelt_member_gets_the_nearest_names(name, hint):
     assert hint in found
 
 
+def test_own_files_inherit_members_and_have_other_names(tmp_path):
+    (tmp_path / "suite").mkdir()
+    inherits = "defaults: [density_office, _self_]\nnum_episodes: 5\n"
+    (tmp_path / "suite" / "crowded.yaml").write_text(inherits)
+    (tmp_path / "suite" / "speed_corridor.yaml").write_text("defaults: [table1]\n")
+    search = f"hydra.searchpath=[file://{tmp_path}]"
+    crowded = compose("evaluate", [search, "suite=crowded"]).suite
+    assert (crowded.name, crowded.num_episodes) == ("density_office_2", 5)
+    with pytest.raises(HydraException) as error:
+        compose("evaluate", [search, "suite=speed_corridor"])
+    expected = "suite/speed_corridor: must have another name, navrl has an option of this one"
+    assert describe(error.value) == expected
+
+
+def test_error_of_a_group_does_not_name_inherited_files():
+    with pytest.raises(HydraException) as error:
+        compose("train", ["environment=papr"])
+    assert describe(error.value).startswith("Could not find 'environment/papr'")
+    assert nearest_names(describe(error.value), "train") == "; did you mean paper?"
+
+
 def leaves(value, prefix=""):
     """Yield key and value of everything but the wiring: interpolations and constructors."""
     for key, item in value.items():

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from navrl import keys
+
 ROOT = Path(__file__).parents[1]
 WORDS = (  # without a technical meaning
     "nobody",
@@ -141,3 +143,8 @@ def test_test_names_are_short_standard_terms():
         if len(node.name) > MAX_NAME or pattern.search(f"{node.name}_")
     }
     assert not names
+
+
+def test_tensordict_keys_differ_by_more_than_a_plural():
+    values = {value for name, value in vars(keys).items() if name.isupper()}
+    assert not {value for value in values if f"{value}s" in values}

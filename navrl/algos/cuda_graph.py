@@ -93,7 +93,7 @@ class CapturedUpdates:
     def __call__(
         self, batches: TensorDictBase, after_each: Callable[[], None]
     ) -> dict[str, Tensor]:
-        """Update from each of ``[K, B]`` transitions in turn.
+        """Update from each of K batches ``[K, B]`` in order.
 
         Args:
             batches: K batches.

@@ -54,7 +54,7 @@ class GaussianExploration:
 
     @property
     def action_size(self) -> int:
-        """Deprecated: the size of the action is that of the action itself."""
+        """Deprecated number of action dimensions."""
         warn("GaussianExploration.action_size", "use the size of the action")
         return len(self._std)
 

@@ -15,7 +15,7 @@ from navrl.algos.precision import Precision
 
 
 class NonFiniteUpdateError(FloatingPointError):
-    """A loss or gradient is NaN or infinite; raised before any weight changes.
+    """Error for a NaN or infinite loss or gradient, raised before any weight changes.
 
     Args:
         terms: The scalars of the update.
@@ -29,7 +29,7 @@ class NonFiniteUpdateError(FloatingPointError):
 
 
 class Algorithm(Protocol):
-    """A learner, built with ``actor=`` and ``critic=`` beside what its YAML node lists.
+    """Learning algorithm, built from its YAML node with ``actor`` and ``critic`` added.
 
     It trains both modules in place: what drives worlds and is saved is ``actor``.
 
@@ -40,7 +40,7 @@ class Algorithm(Protocol):
     precision: Precision
 
     def update_from_each(self, batches: TensorDictBase) -> Mapping[str, Tensor]:
-        """Take a gradient step from each of ``[K, B]`` transitions in turn.
+        """Take one gradient step from each of K batches ``[K, B]`` in order.
 
         Returns:
             Sums over the K steps of detached scalars, which the log divides by K.
@@ -58,7 +58,7 @@ class Algorithm(Protocol):
         ...
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from what :meth:`state_dict` returned, on this device."""
+        """Continue from a state of :meth:`state_dict`, on this device."""
 
 
 class Exploration(Protocol):

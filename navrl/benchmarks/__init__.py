@@ -1,4 +1,4 @@
-"""Measurements of ``navrl-benchmark``: speed and memory with bars."""
+"""Measurements of ``navrl-benchmark``: speed and memory, with limits."""
 
 from navrl.benchmarks.collecting import frame_rates, worker_rows
 from navrl.benchmarks.gpu import gpu_rows

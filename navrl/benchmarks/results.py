@@ -167,8 +167,8 @@ class Report:
 
     Args:
         machine: Description of the computer.
-        rows: In the order of the table.
-        series: Growth of costs; each has its row too.
+        rows: Rows in the order of the table.
+        series: Measured growth of costs with size; each also has a row.
         skipped: Skipped rows with reasons.
         factor: Ratio to the published figure above which a row causes a warning; ``None`` for none.
     """

@@ -1,4 +1,4 @@
-"""CPU time of commands that simulate nothing, beside that of importing torch."""
+"""CPU time of commands that simulate nothing, compared with importing torch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COMMANDS = {
 
 
 def startup_rows(repeats: int) -> list[Row]:
-    """Measure user and system time of new processes, all in turn, there and back.
+    """Measure user and system time of new processes, alternately and in both orders.
 
     Args:
         repeats: Measurements of each command; one more before is not counted.

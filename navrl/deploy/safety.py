@@ -167,7 +167,7 @@ def path_state(pose: np.ndarray, path: np.ndarray, limits: SafetyLimits) -> Driv
 
 
 def check_yaw(yaw: float) -> None:
-    """Refuse a yaw that is not in radians.
+    """Reject a yaw that is not in radians.
 
     Raises:
         ValueError: If it is beyond a full circle to either side.

@@ -39,7 +39,7 @@ def classify(
     Args:
         contact: ``[N]`` codes of :class:`navrl.sim.Contact`.
         goal_distance: ``[N]`` m, robot center to goal.
-        goal_radius: m.
+        goal_radius: Distance to the goal that counts as success, m.
         timed_out: ``[N]`` bool, the step limit is reached.
 
     Returns:

@@ -23,7 +23,7 @@ class Transition:
         nearest: ``[N]`` m, from the robot's center to the nearest return, noise-free, at s_{t+1}.
         collided: ``[N]`` bool.
         reached: ``[N]`` bool, the goal was reached.
-        robot_radius: m.
+        robot_radius: Radius of the robot, m.
     """
 
     position: Tensor
@@ -61,8 +61,8 @@ class Guidance:
     """Reward of -weight times the distance to a point ahead on the path.
 
     Args:
-        weight: per m.
-        lookahead: m along the path from the robot's projection to the guidance point.
+        weight: Weight of the term, per m.
+        lookahead: Arc length from the robot's projection to the guidance point, m.
         point: ``"before_move"`` uses the point at s_t, so driving towards it increases the reward;
             ``"after_move"`` uses the point at s_{t+1}, where driving and standing still give the
             same.
@@ -90,8 +90,8 @@ class Proximity:
     """Reward of -weight times the depth of the nearest obstacle inside ``distance``.
 
     Args:
-        weight: per m.
-        distance: m, d_prox.
+        weight: Weight of the term, per m.
+        distance: Distance d_prox below which the term is negative, m.
         measured_from: ``"lidar"`` (the robot's center, above which the paper's lidar is) or
             ``"hull"`` (minus the robot's radius).
 
@@ -134,7 +134,7 @@ class Progress:
       collision.
 
     Args:
-        weight: per m.
+        weight: Weight of the term, per m.
         form: One of the two forms above.
         gamma: Discount factor of the learner, only for ``"potential"``.
 

@@ -1,4 +1,4 @@
-"""An environment with transforms whose partial resets keep the present values."""
+"""Transformed environment whose partial resets retain the present values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from navrl.envs.navigation import NavigationEnv
 
 
 class TransformedNavigationEnv(TransformedEnv):
-    """A ``TransformedEnv`` that hands the present values to its transforms at a partial reset.
+    """``TransformedEnv`` that passes present values to its transforms at a partial reset.
 
     TorchRL's own hands them the key ``_reset`` and the state only. Then a transform that compares
     two times cannot return the present values of the rows that are not reset, and statistics of

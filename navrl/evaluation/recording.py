@@ -47,10 +47,10 @@ class Recording:
     Args:
         scenario: The episode's :class:`navrl.worlds.Scenario` as JSON, which can be played again.
         outcome: ``success``, ``collision_pedestrian``, ``collision_static`` or ``timeout``.
-        time_step_s: s.
-        robot_radius: m.
-        goal_radius: m.
-        max_range: m, the range of a beam without return.
+        time_step_s: Time between samples, s.
+        robot_radius: Radius of the robot, m.
+        goal_radius: Distance to the goal that counts as success, m.
+        max_range: Range of a beam without return, m.
         walls: ``[W, 5]`` boxes (cx, cy, hx, hy, yaw), m and rad, world.
         path: ``[P, 2]`` m, world.
         goal: ``[2]`` m, world.

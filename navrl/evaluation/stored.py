@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from navrl.evaluation.metrics import METRICS, RENAMED, Metric
+from navrl.evaluation.metrics import METRICS, Metric
+from navrl.evaluation.metrics.table import RENAMED
 from navrl.evaluation.results import EPISODES, SUMMARY, columns
 from navrl.evaluation.summaries import check_summary, own_metrics
 from navrl.untrusted import DamagedFileError, is_number, read_json, read_table

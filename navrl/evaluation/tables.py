@@ -12,7 +12,8 @@ from pathlib import Path
 
 from navrl.deprecation import warn
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
-from navrl.evaluation.metrics import METRICS, RENAMED
+from navrl.evaluation.metrics import METRICS
+from navrl.evaluation.metrics.table import RENAMED
 from navrl.evaluation.pairing import COLLISIONS, COMPARABLE, MetricComparison
 from navrl.evaluation.seeds import OverSeeds
 from navrl.evaluation.spreadsheets import (

@@ -140,7 +140,7 @@ def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
 
 
 def _share_bounds(specs: Composite) -> None:
-    """Share the bounds of one world among all, which saves 180 MB for 4,096 worlds."""
+    """Share the bounds of one world among all worlds; saves 180 MB for 4,096 worlds."""
     for key in specs.keys(True, True):
         space = specs[key].space
         if isinstance(space, ContinuousBox) and not space.batch_size:  # not shared yet

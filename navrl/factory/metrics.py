@@ -1,4 +1,4 @@
-"""From a configuration to the metrics of an evaluation."""
+"""Construction of metrics from a configuration."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def make_evaluated_policy(
 
 @torch.no_grad()
 def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
-    """Run the network on zeros of the observations' shapes.
+    """Check that the network fits the observations, by running it on zeros.
 
     Raises:
         ValueError: If it fails; the message has the changes of the policy.

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from navrl.ops.backend import Backend, as_real, is_compiled
 from navrl.ops.beams import RETURN_MARGIN_M, Bearing
-from navrl.ops.scan_layout import TURN, ScanLayout, scan_layout
+from navrl.ops.scan_layout import TWO_PI, ScanLayout, scan_layout
 
 
 class PooledScan(NamedTuple):
@@ -176,7 +176,7 @@ def _directions(
     size = layout.group_size if layout.is_plain else None
     if bearing == "beam" and size is not None:
         offset = torch.arange(layout.num_beams).remainder(size).to(dtype) - 0.5 * (size - 1)
-        each = angle.repeat_interleave(size) + offset * (TURN / layout.num_beams)
+        each = angle.repeat_interleave(size) + offset * (TWO_PI / layout.num_beams)
         angle = torch.cat((angle, each))
     elif bearing == "beam":
         each = torch.nn.functional.pad(layout.beam_bearings(), (0, 1))

@@ -28,13 +28,13 @@ def cast_rays(
         pose: [*B, 3] (x, y, yaw) of the scanner, world.
         boxes: [*B, K, 5] (cx, cy, hx, hy, yaw), world, half sizes in m; NaN rows are absent.
         num_boxes: [*B] int64, leading rows of ``boxes`` that count; all of them if None.
-        num_beams: beams of a scan.
-        max_range: m; exactly this where nothing nearer is hit.
-        backend: see :mod:`navrl.ops.backend`. The kernel's geometry is float64, that of the torch
+        num_beams: Beams per scan.
+        max_range: Range of a beam that hits nothing nearer, m.
+        backend: See :mod:`navrl.ops.backend`. The kernel's geometry is float64, that of the torch
             form, one slab test per beam and box, has the dtype of ``pose``. They agree to 1e-4 m
             but for beams that graze an edge.
-        angle_min: rad, of beam 0.
-        angle_increment: rad from one beam to the next, negative if they are counted clockwise;
+        angle_min: Angle of beam 0, rad.
+        angle_increment: Angle between successive beams, rad, negative if counted clockwise;
             None spreads the beams evenly over a full circle, counter-clockwise.
 
     Returns:

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-TURN = 2.0 * math.pi
+from navrl.deprecation import renamed_attributes
+
+TWO_PI = 2.0 * math.pi
 # Drivers round angles, so the beams of a revolution may differ from an integer by this many beams.
 _ROUNDING = 0.01
 
@@ -57,7 +59,7 @@ class ScanLayout:
         if self.num_beams < 1:
             raise ValueError(f"num_beams={self.num_beams}: must be at least 1")
         covered = (self.num_beams - 1) * abs(self.increment)
-        if covered > TURN * (1.0 + 1e-5):
+        if covered > TWO_PI * (1.0 + 1e-5):
             raise ValueError(
                 f"angle_increment={self.angle_increment}: must be within one revolution, got "
                 f"{covered:.3f} rad between the first and last of {self.num_beams} beams"
@@ -84,12 +86,12 @@ class ScanLayout:
     @property
     def increment(self) -> float:
         """Angle from one beam to the next, rad."""
-        return TURN / self.num_beams if self.angle_increment is None else self.angle_increment
+        return TWO_PI / self.num_beams if self.angle_increment is None else self.angle_increment
 
     @property
     def revolution(self) -> float:
         """Number of beams in a full circle at this increment."""
-        return TURN / abs(self.increment)
+        return TWO_PI / abs(self.increment)
 
     @property
     def num_bins(self) -> int:
@@ -113,14 +115,16 @@ class ScanLayout:
     def bin_of(self, bearings: Tensor) -> Tensor:
         """Return the bin index (int64) of each bearing in the robot frame, rad, any shape."""
         half_beam = 0.5 * abs(self.increment)
-        index = torch.floor((bearings + half_beam) * (self.num_bins / TURN)).long()
+        index = torch.floor((bearings + half_beam) * (self.num_bins / TWO_PI)).long()
         return index.remainder(self.num_bins)
 
     def bin_centers(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> Tensor:
         """Return the bearing of each bin's center, ``[N]`` rad."""
         if self.group_size is not None:
             return bin_centers(self.num_bins * self.group_size, self.group_size, dtype, device)
-        centers = (torch.arange(self.num_bins, dtype=torch.float64) + 0.5) * (TURN / self.num_bins)
+        centers = (torch.arange(self.num_bins, dtype=torch.float64) + 0.5) * (
+            TWO_PI / self.num_bins
+        )
         return (centers - 0.5 * abs(self.increment)).to(device, dtype)
 
     def beams_by_bin(self) -> Tensor:
@@ -211,4 +215,7 @@ def bin_centers(
         tensor([0.7854, 3.9270])
     """
     first_beam = torch.arange(0, num_beams, group_size, device=device, dtype=dtype)
-    return (first_beam + 0.5 * (group_size - 1)) * (TURN / num_beams)
+    return (first_beam + 0.5 * (group_size - 1)) * (TWO_PI / num_beams)
+
+
+__getattr__ = renamed_attributes(__name__, {"TURN": "TWO_PI"})

@@ -9,7 +9,7 @@ import math
 import torch
 from torch import Tensor
 
-_SMALL_HALF_TURN = 1e-4  # rad; below it sin(h) / h equals 1 - h^2 / 6 in double precision
+_SMALL_ANGLE = 1e-4  # rad; below it sin(h) / h equals 1 - h^2 / 6 in double precision
 
 
 def advance_pose(
@@ -33,7 +33,7 @@ def advance_pose(
         (1.0, 0.0, 0.0)
     """
     half = 0.5 * w * duration
-    sinc = 1.0 - half * half / 6.0 if abs(half) < _SMALL_HALF_TURN else math.sin(half) / half
+    sinc = 1.0 - half * half / 6.0 if abs(half) < _SMALL_ANGLE else math.sin(half) / half
     chord = v * duration * sinc
     turned = yaw + 2.0 * half
     return (
@@ -88,7 +88,7 @@ def advance_poses(pose: Tensor, velocity: Tensor, duration: float) -> Tensor:
     x, y, yaw = pose.unbind(-1)
     v, w = velocity.unbind(-1)
     half = 0.5 * w * duration
-    is_small = half.abs() < _SMALL_HALF_TURN
+    is_small = half.abs() < _SMALL_ANGLE
     sinc = torch.where(
         is_small, 1.0 - half * half / 6.0, torch.sin(half) / half.masked_fill(is_small, 1.0)
     )

@@ -1,4 +1,4 @@
-"""Names of bundles and the folders they stand for; importing this loads no torch."""
+"""Names of bundles and their folders; importing this loads no torch."""
 
 from __future__ import annotations
 

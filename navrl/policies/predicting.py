@@ -16,7 +16,7 @@ from navrl.policies.controller import Controller
 
 
 class Predicting(Protocol):
-    """A model with gymnasium's spaces and the ``predict`` of stable-baselines3."""
+    """Interface of models with gymnasium's spaces and the ``predict`` of stable-baselines3."""
 
     observation_space: Any
     action_space: Any

@@ -18,7 +18,7 @@ except ImportError as error:
 
 
 class Client:
-    """A connection to PyBullet: ``client.f(...)`` is ``pybullet.f(..., physicsClientId=...)``.
+    """Connection to PyBullet: ``client.f(...)`` is ``pybullet.f(..., physicsClientId=...)``.
 
     Args:
         is_shown: Whether to open a window.

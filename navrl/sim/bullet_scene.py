@@ -41,7 +41,7 @@ LIDAR_COLOR = (0.10, 0.35, 0.75, 1.0)
 
 
 class Scene:
-    """Bodies of one world on its own story of a client.
+    """Bodies of one world on its own level of a client, at its own height.
 
     Bodies have no collision margin, and the robot is an upright capsule, whose side is exactly the
     disc-shaped hull, so distances are accurate to 1e-12 m. (The error of PyBullet's cylinder is
@@ -51,7 +51,7 @@ class Scene:
         client: PyBullet client of the bodies.
         robot: Robot model, for its radius.
         lidar: Lidar model, for its beams and mount.
-        floor: Height of the floor of this story, m.
+        floor: Height of the floor of this level, m.
     """
 
     def __init__(self, client: Client, robot: RobotModel, lidar: Lidar, floor: float) -> None:

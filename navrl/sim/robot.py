@@ -64,7 +64,7 @@ class RobotModel(ABC):
     def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return the direction of travel [*B], world, rad, and the speed along it [*B], m/s.
 
-        Contacts are classified by them: the robot is at fault on the side it moves towards.
+        They classify contacts by fault: the robot is at fault on the side it moves towards.
         """
         return pose[..., 2], velocity[..., 0]
 
@@ -83,7 +83,7 @@ class RobotModel(ABC):
 
     @property
     def travel_bearings(self) -> tuple[float, ...]:
-        """Bearings that single components of a command drive it towards, rad, 0 straight ahead.
+        """Bearings of motion of the single command components, rad, 0 straight ahead.
 
         A robot is not driven where it cannot see in one of them.
         """

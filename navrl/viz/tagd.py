@@ -36,7 +36,7 @@ def save_tagd(
         recording: Episode with TAGDs.
         file: ``.png``, ``.svg`` or ``.pdf``.
         step: 1 to T. The one that shows a moving pedestrian best if ``None``.
-        group_radius: m, the distance d_thresh within which points belong to a center.
+        group_radius: Distance d_thresh within which points belong to a center, m.
 
     Returns:
         The file.

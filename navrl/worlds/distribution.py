@@ -32,7 +32,7 @@ class ScenarioDistribution:
         num_dynamic: (min, max) dynamic pedestrians, uniform.
         num_static: (min, max) static pedestrians, uniform.
         speed: (min, max) m/s of dynamic pedestrians, uniform.
-        half_size: m, half sides of every pedestrian's cuboid.
+        half_size: Half sides of every pedestrian's cuboid, m.
         has_walls: Whether walls remain after planning (the paper's open-space test removes them).
         keep_dynamic: Number of placed dynamic pedestrians to use, ``None`` for all. Distributions
             that differ only here are equal otherwise, static pedestrians included.

@@ -17,9 +17,9 @@ class Office:
     A wall with a doorway halves the square, and another one may halve each half across.
 
     Args:
-        size: m, outer side, walls included.
-        door: m, clear width of a doorway.
-        min_room: m, minimum side of a room, between the center lines of its walls.
+        size: Outer side including walls, m.
+        door: Clear width of a doorway, m.
+        min_room: Minimum side of a room between the center lines of its walls, m.
         inset: Distance of start and goal to the walls of their corners, m.
 
     Raises:

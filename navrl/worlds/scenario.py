@@ -31,7 +31,7 @@ class Pedestrian:
 
     Args:
         route: ``[R, 2]`` m, world; one point for a stationary pedestrian.
-        speed: m/s; 0 for a stationary pedestrian.
+        speed: Walking speed, m/s; 0 for a stationary pedestrian.
         offset: Position at time zero in the back-and-forth coordinate, m: 0 to L is forth, L to 2 L
             is back.
         half_size: Half depth (along the route) and half width, m.

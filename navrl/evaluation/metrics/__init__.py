@@ -41,7 +41,6 @@ from navrl.evaluation.metrics.people import (
 from navrl.evaluation.metrics.table import (
     METRICS,
     OF_ERROR,
-    RENAMED,
     markdown_table,
     measure,
     values_of_error,
@@ -53,7 +52,6 @@ __getattr__ = renamed_attributes(__name__, {"run_into": "hit_by_pedestrian"})
 __all__ = [
     "METRICS",
     "OF_ERROR",
-    "RENAMED",
     "Metric",
     "Trajectory",
     "beyond_intimate",

@@ -13,7 +13,7 @@ def controller_latency(decision_s: Sequence[float]) -> dict[str, float]:
     Latency depends on the clock, so it is not part of the reproducible files.
 
     Args:
-        decision_s: s of each call of the policy, from the observation to the command; at least one.
+        decision_s: Duration of each call of the policy, observation to command, s; at least one.
             Exclude the first call, which may compile or allocate.
 
     Returns:

@@ -1,4 +1,4 @@
-"""One metric: its function and every fact that files, comparisons, pictures and docs need."""
+"""Metric with all facts that files, comparisons, pictures and docs need."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COLOR = re.compile(r"(#[0-9A-Fa-f]{6})?")
 
 @dataclass(frozen=True)
 class Metric:
-    """A function of trajectories with a name, a unit and how it is compared.
+    """Function of trajectories with a name, a unit and rules of comparison.
 
     Args:
         name: Column of ``episodes.csv``.
@@ -141,5 +141,5 @@ def _plain(text: str) -> str:
 
 
 def _unknown(trajectory: Trajectory) -> np.ndarray:
-    """Stand in for the function of a metric that was read from a file."""
+    """Raise an error: the metric was read from a file and has no function."""
     raise NotImplementedError("this metric was read from a file, which does not hold its function")

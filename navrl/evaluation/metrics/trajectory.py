@@ -34,9 +34,9 @@ class Trajectory:
     depend, bit for bit, on the other episodes of the batch.
 
     Args:
-        time_step_s: s between samples. A step with a contact ends there.
-        robot_radius: m.
-        max_speed: m/s, the robot's limit.
+        time_step_s: Time between samples, s. A step with a contact ends at the contact.
+        robot_radius: Radius of the robot, m.
+        max_speed: Speed limit of the robot, m/s.
         num_steps: ``[E]`` int64, at least 1.
         outcome: ``[E]`` codes of :class:`navrl.envs.Outcome`.
         contact: ``[E]`` codes of :class:`navrl.sim.Contact` at the end.
@@ -217,7 +217,7 @@ class Trajectory:
 
         Args:
             recordings: At least one.
-            max_speed: m/s, the robot's limit.
+            max_speed: Speed limit of the robot, m/s.
 
         Raises:
             ValueError: If there are no recordings, or robots or time steps differ.

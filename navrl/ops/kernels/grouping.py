@@ -11,7 +11,7 @@ from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 
 FAR = 1e9  # m; coordinate of points without a return
-_TURN = 2.0 * math.pi
+_TWO_PI = 2.0 * math.pi
 
 
 @scalar
@@ -158,7 +158,7 @@ def tagd_kernel(
 @functools.lru_cache(maxsize=16)
 def _rays(num_groups: int, device: torch.device) -> Tensor:
     """Return the unit vectors of the rays [N_c, 2]."""
-    angle = np.arange(num_groups) * (_TURN / num_groups)
+    angle = np.arange(num_groups) * (_TWO_PI / num_groups)
     return torch.from_numpy(np.stack((np.cos(angle), np.sin(angle)), axis=-1)).to(device)
 
 

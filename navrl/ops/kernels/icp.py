@@ -18,7 +18,7 @@ from navrl.ops.kernels.lines import fit_lines
 from navrl.ops.kernels.nearest import find_nearest, is_ordered, repeat, unroll
 from navrl.ops.kernels.rotation_search import search_rotation
 
-_TURN = 2.0 * math.pi
+_TWO_PI = 2.0 * math.pi
 
 
 @scalar
@@ -154,7 +154,7 @@ def compose_step(motion, x, y, yaw):
     motion[0] = cos * old_x - sin * old_y + x
     motion[1] = sin * old_x + cos * old_y + y
     turned = motion[2] + yaw
-    motion[2] = turned - _TURN * math.ceil((turned - math.pi) / _TURN)
+    motion[2] = turned - _TWO_PI * math.ceil((turned - math.pi) / _TWO_PI)
 
 
 @scalar
@@ -184,7 +184,7 @@ def iterate(
     number, rmse = 0.0, 0.0
     for iteration in range(max_iterations):
         move_points(source, motion, moved, moved_single)
-        shift = round(motion[2] * count / _TURN)
+        shift = round(motion[2] * count / _TWO_PI)
         find_nearest(
             moved_single, source[2], shift, unrolled, is_windowed, gate, squared, match, flags
         )

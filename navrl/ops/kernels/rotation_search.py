@@ -11,7 +11,7 @@ from navrl.ops.rotation_search import PROFILE_CAP_M
 _CAP = np.float32(PROFILE_CAP_M)
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 _NOT_SEEN = np.float32(-1.0)  # marks uncovered bearings in a range profile
-_TURN = 2.0 * math.pi
+_TWO_PI = 2.0 * math.pi
 
 
 @scalar
@@ -78,7 +78,7 @@ def has_no_miss(profile):
 @scalar
 def largest_shift(search_range, count):
     """Return the largest shift to either side, in points."""
-    return min(int(search_range / _TURN * count), count // 2)
+    return min(int(search_range / _TWO_PI * count), count // 2)
 
 
 @scalar
@@ -107,7 +107,7 @@ def search_rotation(source, target, seen, is_partial, search_range):
             costs[column] = profile_cost_seen(source_profile, turned)
         else:
             costs[column] = profile_cost(source_profile, turned)
-    return best_shift(costs) * (_TURN / count)
+    return best_shift(costs) * (_TWO_PI / count)
 
 
 @scalar

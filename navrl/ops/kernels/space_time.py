@@ -64,7 +64,8 @@ def grown(array):
 @scalar
 def search(
     start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
-    primitives, offsets, bins, reach, goal_radius, cell, greed, max_steps, max_nodes, plan,
+    primitives, offsets, bins, reach, goal_radius, cell, heuristic_weight, max_steps, max_nodes,
+    plan,
 ):  # fmt: skip
     """Search a trajectory, write its primitives to ``plan``, return (code, steps, nodes)."""
     substeps = offsets.shape[1]
@@ -121,7 +122,7 @@ def search(
             place[count, 0], place[count, 1] = x_end, y_end
             link[count, 0], link[count, 1] = node, primitive
             link[count, 2], link[count, 3] = turned, step + 1
-            heapq.heappush(queue, (step + 1 + greed * left, count))
+            heapq.heappush(queue, (step + 1 + heuristic_weight * left, count))
             count += 1
     return EXHAUSTED, 0, count
 
@@ -129,12 +130,13 @@ def search(
 @kernel
 def plan_kernel(
     rows, start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
-    primitives, offsets, bins, reach, goal_radius, cell, greed, max_nodes, plan, code, steps, nodes,
+    primitives, offsets, bins, reach, goal_radius, cell, heuristic_weight, max_nodes, plan, code,
+    steps, nodes,
 ):  # fmt: skip
     """Solve every query; write plan [S, T], code, steps and nodes [S]."""
     for s in range(rows[0], rows[1]):
         code[s], steps[s], nodes[s] = search(
             start[s], goal[s], walls[s], num_walls[s], people[s], origin[s], clearance[s],
-            steps_to_go[s], primitives, offsets, bins, reach, goal_radius, cell, greed,
+            steps_to_go[s], primitives, offsets, bins, reach, goal_radius, cell, heuristic_weight,
             plan.shape[1], max_nodes, plan[s],
         )  # fmt: skip

@@ -17,7 +17,7 @@ import torch
 MIN_ROWS = 8  # rows per thread; the hand-over of fewer takes longer than their computation
 CHUNKS = 8  # chunks per thread, for load balancing between rows and cores of different speed
 
-_alone: int | None = None  # number of kernel threads while torch is limited to one
+_num_kernel_threads: int | None = None  # number of kernel threads while torch is limited to one
 
 
 def run_rows(work: Callable, num_rows: int, arguments: tuple) -> None:
@@ -30,7 +30,7 @@ def run_rows(work: Callable, num_rows: int, arguments: tuple) -> None:
     Raises:
         Exception: If ``work`` raised it; raised again after all threads have ended.
     """
-    num_threads = min(_alone or torch.get_num_threads(), num_rows // MIN_ROWS)
+    num_threads = min(_num_kernel_threads or torch.get_num_threads(), num_rows // MIN_ROWS)
     if num_threads <= 1 or not _POOL.lock.acquire(blocking=False):
         work((0, num_rows), *arguments)
         return
@@ -55,17 +55,17 @@ def torch_on_one_thread() -> Iterator[None]:
     kernel that starts in between competes with them. Without this limit, stepping a thousand worlds
     is slower on two cores than on one.
     """
-    global _alone
-    if _alone is not None or torch.get_num_threads() == 1:
+    global _num_kernel_threads
+    if _num_kernel_threads is not None or torch.get_num_threads() == 1:
         yield
         return
-    _alone = torch.get_num_threads()
+    _num_kernel_threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         yield
     finally:
-        torch.set_num_threads(_alone)
-        _alone = None
+        torch.set_num_threads(_num_kernel_threads)
+        _num_kernel_threads = None
 
 
 class _Worker(threading.Thread):
@@ -106,11 +106,11 @@ class _Pool:
     """Pool of worker threads, created on demand; a forked child creates its own."""
 
     def __init__(self) -> None:
-        self._renew()
+        self._create_worker()
         if hasattr(os, "register_at_fork"):  # not on Windows
-            os.register_at_fork(after_in_child=self._renew)
+            os.register_at_fork(after_in_child=self._create_worker)
 
-    def _renew(self) -> None:
+    def _create_worker(self) -> None:
         self.lock = threading.Lock()
         self._workers: list[_Worker] = []
 

@@ -14,7 +14,7 @@ walk       [N, K, 4]   speed, initial arc length, hx, hy; NaN speed where absent
 legs       [N, K, 5]   x, y at the start and end of the step, yaw; NaN rows follow their
                        route, as do all pedestrians if the shape is [N, 0, 5]
 boxes      [N, K, 5]   current boxes of the pedestrians; NaN rows where absent
-late       [N, 2]      previous command, applied until the new one takes effect
+previous   [N, 2]      previous command, applied until the new one takes effect
 track      [N, S, 5]   x, y, yaw, direction and speed of travel after each substep, or unused
 seen_pose, seen_boxes  pose and boxes at the time of the next scan, if it is delayed
 ========== =========== =============================================================
@@ -80,9 +80,9 @@ def touched_pedestrian(x, y, heading, speed, radius, boxes, near, num_near):
         cx, cy, hx, hy, turn = boxes[near[index]]
         px, py = nearest_point_on_box(x, y, cx, cy, hx, hy, math.cos(turn), math.sin(turn))
         if distance(px - x, py - y) <= radius:
-            verdict = classify_contact(x, y, math.cos(heading), math.sin(heading), speed, px, py)
+            code = classify_contact(x, y, math.cos(heading), math.sin(heading), speed, px, py)
             if result in (NONE, HIT_BY_PEDESTRIAN):
-                result = verdict
+                result = code
     return result
 
 
@@ -110,16 +110,16 @@ def max_displacement(track):
 
 
 @scalar
-def reach_of(pose, velocity, late, command, track, drive, timing):
+def max_reach(pose, velocity, previous, command, track, drive, timing):
     """Return an upper bound of the distance of the hull from the pose within a step, m."""
     radius, is_tracked, _, _, slowest, fastest, _ = drive
     if is_tracked:
         first = distance(track[0, 0] - pose[0], track[0, 1] - pose[1])
         return radius + first + max_displacement(track) + _SLACK
-    wanted = max(
-        abs(limited(late[0], slowest, fastest)), abs(limited(command[0], slowest, fastest))
+    target_speed = max(
+        abs(limited(previous[0], slowest, fastest)), abs(limited(command[0], slowest, fastest))
     )
-    return radius + timing[0] * timing[1] * max(abs(velocity[0]), wanted) + _SLACK
+    return radius + timing[0] * timing[1] * max(abs(velocity[0]), target_speed) + _SLACK
 
 
 @scalar
@@ -128,12 +128,12 @@ def limited(value, low, high):
 
 
 @scalar
-def drive_substep(x, y, yaw, v, w, index, late, command, drive, timing):
+def drive_substep(x, y, yaw, v, w, index, previous, command, drive, timing):
     """Return pose and velocity of a differential drive after substep ``index`` of a step."""
     _, _, separation, acceleration, slowest, fastest, turn_limit = drive
     duration, _, first_v, first_w, _ = timing
-    v_wanted = limited(command[0] if index >= first_v else late[0], slowest, fastest)
-    w_wanted = limited(command[1] if index >= first_w else late[1], -turn_limit, turn_limit)
+    v_wanted = limited(command[0] if index >= first_v else previous[0], slowest, fastest)
+    w_wanted = limited(command[1] if index >= first_w else previous[1], -turn_limit, turn_limit)
     if acceleration == np.inf:
         v, w = v_wanted, w_wanted
     else:
@@ -144,7 +144,7 @@ def drive_substep(x, y, yaw, v, w, index, late, command, drive, timing):
 
 @scalar
 def step_world(
-    pose, velocity, tick, late, command, track, drive, timing, walls, num_walls,
+    pose, velocity, tick, previous, command, track, drive, timing, walls, num_walls,
     route, arc, walk, legs, boxes, near, seen_pose, seen_boxes,
 ):  # fmt: skip
     """Advance one world by a step or to its first contact; return (tick, contact).
@@ -156,10 +156,10 @@ def step_world(
     (radius, is_tracked, _, _, _, _, _), (duration, substeps, _, _, scanned) = drive, timing
     x, y, yaw = pose
     v, w = velocity[0], velocity[1]
-    reach = reach_of(pose, velocity, late, command, track, drive, timing)
+    reach = max_reach(pose, velocity, previous, command, track, drive, timing)
     num_near = list_near_walls(x, y, reach, walls, num_walls, near)
-    crowd = near[num_near:]
-    num_crowd = list_near_pedestrians(x, y, reach, boxes, walk, legs, duration * substeps, crowd)
+    nearby = near[num_near:]
+    num_nearby = list_near_pedestrians(x, y, reach, boxes, walk, legs, duration * substeps, nearby)
     result, first_tick, driven = NONE, tick, substeps
     for index in range(substeps):
         if index == scanned:
@@ -167,12 +167,14 @@ def step_world(
         if is_tracked:
             x, y, yaw, heading, speed = track[index]
         else:
-            x, y, yaw, v, w = drive_substep(x, y, yaw, v, w, index, late, command, drive, timing)
+            x, y, yaw, v, w = drive_substep(
+                x, y, yaw, v, w, index, previous, command, drive, timing
+            )
             heading, speed = yaw, v
         tick += 1
-        for number in range(num_crowd):
+        for number in range(num_nearby):
             place_pedestrian(
-                crowd[number],
+                nearby[number],
                 boxes,
                 route,
                 arc,
@@ -184,7 +186,7 @@ def step_world(
         if touched_wall(x, y, radius, walls, near, num_near):
             result = STATIC
         else:
-            result = touched_pedestrian(x, y, heading, speed, radius, boxes, crowd, num_crowd)
+            result = touched_pedestrian(x, y, heading, speed, radius, boxes, nearby, num_nearby)
         if result != NONE:
             driven = index + 1
             break
@@ -199,14 +201,14 @@ def step_world(
 
 @kernel
 def step_worlds_kernel(
-    rows, pose, velocity, tick, contact, late, command, track, drive, timing, walls, num_walls,
+    rows, pose, velocity, tick, contact, previous, command, track, drive, timing, walls, num_walls,
     route, route_arc, walk, legs, boxes, near, seen_pose, seen_boxes,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     for n in range(rows[0], rows[1]):
         if contact[n] == NONE:
             tick[n], contact[n] = step_world(
-                pose[n], velocity[n], tick[n], late[n], command[n], track[n], drive, timing,
+                pose[n], velocity[n], tick[n], previous[n], command[n], track[n], drive, timing,
                 walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
                 seen_pose[n], seen_boxes[n],
             )  # fmt: skip

@@ -30,7 +30,7 @@ class DynamicWindow(Controller):
     Args:
         robot: Limits, hull and wheel acceleration.
         predict_motion: Whether moving descriptors are predicted at constant velocity.
-        time_step_s: s between two positions on an arc, and between two scans.
+        time_step_s: Time between two positions on an arc, and between two scans, s.
         horizon_steps: Number of positions on an arc.
         num_speeds: Number of sampled speeds.
         num_turn_rates: Number of sampled turn rates; odd, so that straight is one of them.
@@ -38,8 +38,8 @@ class DynamicWindow(Controller):
         clearance: Clearance above which more is not rewarded, m.
         clearance_weight: Weight of clearance relative to distance to the waypoint.
         path_weight: Weight of distance to the path relative to distance to the waypoint.
-        min_descriptor_speed: m/s, slower descriptors are static: noise of scan and alignment.
-        max_descriptor_speed: m/s, faster descriptors are mismatches.
+        min_descriptor_speed: Slower descriptors are treated as static, m/s; their motion is noise.
+        max_descriptor_speed: Faster descriptors are treated as mismatches, m/s.
         group_radius: Distance to a moving centroid within which points move with it, m.
 
     Raises:

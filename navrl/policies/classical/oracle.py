@@ -12,6 +12,7 @@ from torch import Tensor
 
 from navrl import keys
 from navrl.checks import check_positive
+from navrl.deprecation import renamed_arguments, warn
 from navrl.ops.kernels.space_time import FOUND, plan_kernel
 from navrl.policies.classical.commands import normalized_action
 from navrl.policies.classical.space_time_maps import space_time_maps
@@ -26,20 +27,30 @@ class SearchEffort:
 
     Args:
         margin: Clearance of the plan to all obstacles, m.
-        greed: Weight of the heuristic; 1 finds the shortest plan, higher values find one faster.
+        heuristic_weight: Weight of the heuristic of A*; 1 finds the shortest plan, higher values
+            find a plan faster.
         max_nodes: Number of expanded poses after which the attempt fails.
     """
 
     margin: float
-    greed: float
+    heuristic_weight: float
     max_nodes: int
 
+    @property
+    def greed(self) -> float:
+        """Deprecated name of :attr:`heuristic_weight`."""
+        warn("SearchEffort.greed", "use heuristic_weight")
+        return self.heuristic_weight
+
     def __post_init__(self) -> None:
-        if not (self.margin >= 0 and self.greed > 0 and self.max_nodes > 0):
+        if not (self.margin >= 0 and self.heuristic_weight > 0 and self.max_nodes > 0):
             raise ValueError(
-                f"margin={self.margin}: must be >= 0 m; greed={self.greed}, "
+                f"margin={self.margin}: must be >= 0 m; heuristic_weight={self.heuristic_weight}, "
                 f"max_nodes={self.max_nodes}: must be > 0"
             )
+
+
+SearchEffort.__init__ = renamed_arguments(greed="heuristic_weight")(SearchEffort.__init__)
 
 
 class Oracle(Controller):
@@ -58,12 +69,12 @@ class Oracle(Controller):
         robot: Kinematic robot, whose motion follows exactly from the commands.
         goal_radius: Distance to the goal that counts as success, m.
         time_limit_steps: Steps in which the goal must be reached.
-        time_step_s: s.
+        time_step_s: Time between two commands, s.
         substeps: Contact checks per step.
         speeds: Speeds of a step as fractions of the maximum; 0 waits or turns in place.
         turns: Left turns of a step as fractions of the maximum, multiples of the first one; right
             turns and straight motion are added.
-        cell: m; only the first pose per cell, heading and step is expanded.
+        cell: Size of a cell, m; only the first pose per cell, heading and step is expanded.
         efforts: Attempts in order, until one finds a plan.
 
     Raises:
@@ -164,7 +175,7 @@ class Oracle(Controller):
             reach,
             self.goal_radius - min(effort.margin, 0.1 * self.goal_radius),
             self.cell,
-            effort.greed,
+            effort.heuristic_weight,
             effort.max_nodes,
             plan.numpy(),
             code.numpy(),

@@ -41,9 +41,9 @@ class Orca(Controller):
     Args:
         robot: Hull and limits.
         waypoint: Index of the target waypoint.
-        time_step_s: s.
-        time_horizon: s within which contacts with pedestrians are avoided.
-        wall_horizon: s within which contacts with walls are avoided.
+        time_step_s: Time between two commands, s.
+        time_horizon: Time within which contacts with pedestrians are avoided, s.
+        wall_horizon: Time within which contacts with walls are avoided, s.
         margin: Minimum distance between the hull and the pedestrians' discs, m.
         wall_margin: Minimum distance between the hull and walls, m.
         iterations: RVO2 solutions per step.

@@ -38,7 +38,7 @@ class CardSet:
 
     Args:
         cards: Card by name; ``None`` removes one.
-        half_size: m, half sides of every pedestrian's cuboid.
+        half_size: Half sides of every pedestrian's cuboid, m.
 
     Raises:
         ValueError: If there is no card, or a size is not positive.
@@ -93,7 +93,7 @@ def meeting(
     Args:
         generator: Draws the assumed speed of the robot.
         route: ``[R, 2]`` m, walked in this direction at the meeting, back and forth otherwise.
-        speed: m/s.
+        speed: Speed of the pedestrian, m/s.
         path: ``[P, 2]`` m, path of the robot.
         at: Fraction of the path before the meeting point, in [0, 1].
     """

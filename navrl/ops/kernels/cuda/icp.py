@@ -47,7 +47,7 @@ from navrl.ops.lines import HALF_WINDOW
 THREADS = 128
 NUM_SUMS = 11  # number of pairs, sum of squared distances, and nine sums of a step
 
-_TURN = 2.0 * math.pi
+_TWO_PI = 2.0 * math.pi
 _REAL_ROWS, _SINGLE_ROWS, _WHOLE_ROWS = 23, 10, 2
 
 
@@ -83,7 +83,7 @@ def search_own_shift(source, target, seen, is_partial, search_range, profiles, o
         else:
             costs[column] = profile_cost(source_profile, turned)
     cuda.syncthreads()
-    return best_shift(costs[: 2 * max_shift + 1]) * (_TURN / count)
+    return best_shift(costs[: 2 * max_shift + 1]) * (_TWO_PI / count)
 
 
 @cuda.jit(device=True)
@@ -138,7 +138,7 @@ def iterate(
     number, rmse = 0.0, 0.0
     for iteration in range(max_iterations):
         move_points(source, motion, moved, moved_single)
-        shift = round(motion[2] * own[1] / _TURN)
+        shift = round(motion[2] * own[1] / _TWO_PI)
         find_own_nearest(
             moved_single, source[2], own[0], shift, unrolled, is_windowed, gate, squared, whole
         )

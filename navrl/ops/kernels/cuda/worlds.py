@@ -14,14 +14,14 @@ from navrl.ops.kernels.worlds import place_scanner, step_world
 
 @thread_per_row
 def step_worlds_kernel(
-    pose, velocity, tick, contact, late, command, track, drive, timing, walls, num_walls,
+    pose, velocity, tick, contact, previous, command, track, drive, timing, walls, num_walls,
     route, route_arc, walk, legs, boxes, near, seen_pose, seen_boxes,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     n = cuda.grid(1)
     if n < pose.shape[0] and contact[n] == NONE:
         tick[n], contact[n] = step_world(
-            pose[n], velocity[n], tick[n], late[n], command[n], track[n], drive, timing,
+            pose[n], velocity[n], tick[n], previous[n], command[n], track[n], drive, timing,
             walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
             seen_pose[n], seen_boxes[n],
         )  # fmt: skip
