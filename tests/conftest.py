@@ -3,7 +3,6 @@
 import copy
 import functools
 import os
-import shutil
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tests run side by side; threads would fight
 
@@ -39,13 +38,15 @@ def once(tmp_path_factory):
     (root / "once").mkdir(exist_ok=True)
 
     def filled(name, fill) -> Path:
-        folder, done = root / "once" / name, root / "once" / f"{name}.done"
+        folder, error = root / "once" / name, root / "once" / f"{name}.error"
         with FileLock(f"{folder}.lock"):
-            if not done.exists():
-                shutil.rmtree(folder, ignore_errors=True)  # what a failed attempt left
+            if not folder.exists():
                 folder.mkdir()
+                error.write_text("see the first test that failed")
                 fill(folder)
-                done.touch()
+                error.unlink()
+        if error.exists():
+            pytest.fail(f"{name}: {error.read_text()}")
         return folder
 
     return filled
