@@ -95,9 +95,11 @@ def start_cut_off(arguments, folder):
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_killed_evaluation_resumes(alone, tmp_path, processes):
+def test_killed_evaluation_resumes(alone, tmp_path, processes, request):
     """SIGKILL as soon as a chunk is finished; then the same command."""
     simulator, expected = alone
+    if (simulator, processes) == ("bullet", 2) and not request.config.getoption("run_slow"):
+        pytest.skip("needs --run-slow")
     words = ["policy=random", f"simulator={simulator}", *SHORT, f"num_processes={processes}"]
     folder = tmp_path / "run"
     process = start_cut_off([str(folder), *words], tmp_path)
