@@ -64,6 +64,7 @@ def _register_families() -> dict[str, list[str]]:
     names: dict[str, list[str]] = {}
     for file in sorted(CONF_DIR.glob("*/family/*.yaml")):
         group, shared = file.parent.parent.name, OmegaConf.load(file)
+        assert isinstance(shared, DictConfig)
         for name, own in shared.pop("members").items():
             node = OmegaConf.to_container(OmegaConf.merge(shared, own))
             ConfigStore.instance().store(name, node, group, provider=str(file))
@@ -192,7 +193,7 @@ def _groups() -> list[str]:
 
 
 def _leaves(cfg: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key in cfg:
+    for key in map(str, cfg):
         name = f"{prefix}{key}"
         if OmegaConf.is_interpolation(cfg, key) or OmegaConf.is_missing(cfg, key):
             yield name, None
