@@ -73,7 +73,7 @@ def test_the_reference_shows_signatures_shapes_and_units(site):
         in transforms
     )
     assert "Pooled ranges [*B, N] m, points [*B, N, 2] m in the robot frame" in transforms
-    assert "m along the path from the robot's projection" in words(
+    assert "m, arc length of the robot's projection on the path" in words(
         site / "api" / "simulation" / "index.html"
     )
     for page in site.glob("api/*/index.html"):
