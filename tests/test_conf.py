@@ -56,7 +56,7 @@ def test_default_of_a_float_argument_is_a_float(path):
                 assert "float" not in annotation or "int" in annotation, f"{name}: {value}"
 
 
-def test_composed_options_bind_to_the_signatures_of_their_targets():
+def test_composed_options_bind_to_target_signatures():
     """Arguments that a file inherits, or adds to those it inherits, are checked together."""
     names = [
         (path.parent.relative_to(CONF_DIR).as_posix(), path.stem)

@@ -48,7 +48,7 @@ def test_results_do_not_depend_on_the_number_of_processes(alone, tmp_path):
     assert not (tmp_path / "unfinished").exists()
 
 
-def test_world_count_is_limited_by_the_episodes(tmp_path, monkeypatch):
+def test_worlds_do_not_exceed_the_episodes(tmp_path, monkeypatch):
     counts, make = [], building.make_evaluated_policy
 
     def counting(cfg, **options):

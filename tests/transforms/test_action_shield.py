@@ -166,7 +166,7 @@ def test_approaching_points_do_not_lower_the_distance_to_others():
         assert hull_gap(command, wall) > MARGIN - 1e-3
 
 
-def test_distances_are_beyond_what_each_point_requires():
+def test_distances_exceed_those_required_by_each_point():
     places = torch.zeros(1, 1, 1, 2)
     points = torch.tensor([[[1.0, 0.0], [2.0, 0.0]]])
     room = room_along(places, points, torch.zeros(1, 2, 2), [1], torch.tensor([[0.25, 1.5]]))

@@ -56,7 +56,7 @@ def moved_into_pedestrian(trajectory: Trajectory) -> np.ndarray:
 
     Example:
         >>> hit = Trajectory.of_positions([(0, 0), (1, 0)], contact=Contact.PEDESTRIAN)
-        >>> moved_into_pedestrian(hit), run_into(hit)
+        >>> moved_into_pedestrian(hit), hit_by_pedestrian(hit)
         (array([1.]), array([0.]))
 
     Reference:
@@ -70,8 +70,8 @@ def hit_by_pedestrian(trajectory: Trajectory) -> np.ndarray:
     """Return ``[E]`` whether a pedestrian moved into the robot.
 
     Example:
-        >>> hit = Trajectory.of_positions([(0, 0), (1, 0)], contact=Contact.RUN_INTO)
-        >>> moved_into_pedestrian(hit), run_into(hit)
+        >>> hit = Trajectory.of_positions([(0, 0), (1, 0)], contact=Contact.HIT_BY_PEDESTRIAN)
+        >>> moved_into_pedestrian(hit), hit_by_pedestrian(hit)
         (array([0.]), array([1.]))
 
     Reference:
