@@ -8,7 +8,7 @@ import inspect
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import hydra
 import yaml
@@ -63,8 +63,7 @@ def _register_families() -> dict[str, list[str]]:
     """
     names: dict[str, list[str]] = {}
     for file in sorted(CONF_DIR.glob("*/family/*.yaml")):
-        group, shared = file.parent.parent.name, OmegaConf.load(file)
-        assert isinstance(shared, DictConfig)
+        group, shared = file.parent.parent.name, cast(DictConfig, OmegaConf.load(file))
         for name, own in shared.pop("members").items():
             node = OmegaConf.to_container(OmegaConf.merge(shared, own))
             ConfigStore.instance().store(name, node, group, provider=str(file))

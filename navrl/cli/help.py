@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from collections.abc import Iterator
@@ -33,7 +34,8 @@ def help_text(config_name: str) -> str:
         config_name: The command's primary config.
     """
     text = (CONF_DIR / f"{config_name}.yaml").read_text()
-    header = [line.lstrip("# ") for line in re.match(r"(?:#.*\n)*", text)[0].splitlines()]
+    comments = itertools.takewhile(lambda line: line.startswith("#"), text.splitlines())
+    header = [line.lstrip("# ") for line in comments]
     examples = [line.removeprefix(_EXAMPLE) for line in header if line.startswith(_EXAMPLE)]
     about = [line for line in header if not line.startswith(_EXAMPLE)]
     files = [(text, yaml.compose(text, Loader=yaml.SafeLoader)) for text in _inherited(text)]
