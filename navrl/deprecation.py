@@ -144,9 +144,10 @@ def input_key(key: str, observed: Collection[str]) -> str:
     """
     if key in observed:
         return key
-    if RENAMED_INPUTS.get(key) in observed:
-        warn(f"input key {key}", f"use {RENAMED_INPUTS[key]}")
-        return RENAMED_INPUTS[key]
+    present = RENAMED_INPUTS.get(key)
+    if present is not None and present in observed:
+        warn(f"input key {key}", f"use {present}")
+        return present
     return next((old for old, new in RENAMED_INPUTS.items() if new == key and old in observed), key)
 
 

@@ -112,6 +112,20 @@ def test_reset_returns_reactive_pedestrians_to_their_start(simulator):
     assert sim.state().pedestrians[0, 0, :2].tolist() == [1.0, 0.0]
 
 
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_contact_with_a_fast_reactive_pedestrian_is_detected(simulator):
+    """It moves 0.7 m in a step, from 0.61 m off the hull into it."""
+
+    class Runner(Fleeing):
+        def targets(self, state, duration_s):
+            return state.pedestrians[..., :2] + torch.tensor([0.0, 0.7])
+
+    people = [stander(0.0, 1.5)]
+    sim = make(simulator, scene(start=(0.0, 2.5, 0.0), pedestrians=people), pedestrians=Runner())
+    (state,) = drive(sim, (0.0, 0.0))
+    assert state.contact.tolist() == [Contact.HIT_BY_PEDESTRIAN]
+
+
 @pytest.mark.parametrize("bad", [torch.zeros(1, 10, 3), torch.full((1, 10, 2), math.inf)])
 def test_bad_targets_are_rejected(bad):
     model = Fleeing()
