@@ -123,6 +123,19 @@ def test_bins_without_beams_are_not_seen_and_have_no_return(layout):
         assert seen.all()
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_bin_centers_are_the_mean_bearings_of_their_beams(sign):
+    """Bins of a number that divides the beams equal groups; those of any number hold their center."""
+    groups = ScanLayout(num_beams=1440, group_size=8).bin_centers(torch.float64)
+    layout = ScanLayout(1440, None, 180, angle_increment=sign * 2.0 * math.pi / 1440)
+    torch.testing.assert_close(layout.bin_centers(torch.float64), groups)
+    uneven = ScanLayout(1081, None, 100, -2.356, sign * 0.004363)
+    centers = uneven.bin_centers(torch.float64)
+    width = 2.0 * math.pi / 100
+    edges = torch.cat([centers - 0.49 * width, centers + 0.49 * width])
+    assert uneven.bin_of(edges).tolist() == 2 * list(range(100))
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("turned_by", [360, 720, 1080, 8, -16, 3])
 def test_rotated_mount_keeps_points_in_the_robot_frame(backend, turned_by):
