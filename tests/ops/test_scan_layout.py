@@ -125,7 +125,7 @@ def test_bins_without_beams_are_not_seen_and_have_no_return(layout):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_bin_centers_are_the_mean_bearings_of_their_beams(sign):
-    """Bins of a number that divides the beams equal groups; those of any number hold their center."""
+    """Bins of a number that divides the beams equal groups; others contain their centers."""
     groups = ScanLayout(num_beams=1440, group_size=8).bin_centers(torch.float64)
     layout = ScanLayout(1440, None, 180, angle_increment=sign * 2.0 * math.pi / 1440)
     torch.testing.assert_close(layout.bin_centers(torch.float64), groups)
