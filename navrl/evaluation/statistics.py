@@ -175,7 +175,9 @@ def paired_difference(
         :mod:`navrl.evaluation.sign_flips`.
     """
     _check_pairs(first, second)
-    differences = _finite("first", first) - _finite("second", second)
+    one, other = _finite("first", first), _finite("second", second)
+    differences = one - other
+    differences[np.isclose(one, other, rtol=1e-12, atol=0.0)] = 0.0  # equal but for rounding
     value, low, high, pairs = bootstrap_mean(differences, confidence, resamples)
     p_value = sign_flip_p_value(differences, _SEED) if pairs >= MIN_PAIRS else math.nan
     return PairedDifference(value, low, high, p_value, pairs)

@@ -12,6 +12,7 @@ from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
+from navrl.ops.returns import finite_returns
 from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.observation_map import Keys
@@ -28,7 +29,8 @@ class ActionShield(ActionMap):
     A command is simulated for ``horizon``, while points of the scan stay in place or move with the
     velocity of their descriptor. At each checked time a point that approaches the robot's present
     position must be ``margin`` away from the hull. The other points must be that far too, or, where
-    the nearest of them is within ``margin`` already, no nearer than it is now. A command that
+    the nearest of them is within ``margin`` already, no nearer than it is now, and no deeper than
+    ``margin`` in the hull unless they are there. Points that are not finite are no returns. A command that
     satisfies this passes unchanged. Otherwise it is replaced by the most similar command of a grid
     that does, where similarity is the difference in units of the limits' ranges. If there is none,
     the command that misses the required distances by least is selected, and among ties the most
@@ -140,6 +142,7 @@ class ActionShield(ActionMap):
     def _shielded(
         self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
     ) -> Tensor:
+        returns = finite_returns(points, returns)
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
         smallest, largest = (speed * self.time_step for speed in self.speed_range)
         motion = point_motion(
@@ -162,8 +165,10 @@ class ActionShield(ActionMap):
         """Return the required distance of each point from the robot's center, ``[N, P]`` m."""
         clear = self.radius + self.margin
         approaches = (points * motion).sum(-1) < 0.0
-        present = torch.where(approaches, FAR, points.norm(dim=-1)).amin(-1, keepdim=True)
-        return torch.where(approaches, clear, (present - _TOLERANCE).clamp_max(clear))
+        present = points.norm(dim=-1) - _TOLERANCE
+        nearest = torch.where(approaches, FAR, present).amin(-1, keepdim=True)
+        nearest = nearest.clamp_min(self.radius - self.margin)  # what is deeper is no obstacle
+        return torch.where(approaches, clear, torch.minimum(present, nearest).clamp_max(clear))
 
     def _most_similar(
         self, command: Tensor, points: Tensor, motion: Tensor, required: Tensor

@@ -158,3 +158,8 @@ def test_two_seeds_have_no_interval_in_tables(tmp_path):
     (table,) = compare(find_evaluations([tmp_path]))
     assert "| `mine` | 2 | 62.5 % (50.0 to 75.0) |" in markdown(table)
     assert "nan" not in markdown(table)
+
+
+def test_values_equal_but_for_rounding_are_a_tie():
+    result = paired_difference([0.1 + 0.2] * 8, [0.3] * 8)
+    assert (result.value, result.p_value) == (0.0, 1.0)

@@ -136,6 +136,19 @@ def test_present_clearance_is_considered():
     assert driven(seen(behind), 0.25) == (0.25, 0.0)
 
 
+@pytest.mark.parametrize("point", [(-0.02, 0.0), (0.0, 0.05), (-0.1, 0.0)])
+def test_point_deep_in_the_hull_does_not_disable_the_shield(point):
+    """A wall 0.25 m ahead; a return of the robot's own body, say, is at the center."""
+    command = driven(seen((0.25, 0.0), point), 1.0)
+    assert hull_gap(command, (0.25, 0.0)) > -MARGIN - 1e-3
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_points_that_are_not_finite_are_not_returns(value):
+    expected = driven(seen((0.3, 0.0)), 1.0)
+    assert driven(seen((0.3, 0.0), (value, 0.0)), 1.0) == expected != (1.0, 0.0)
+
+
 @pytest.mark.parametrize(("gap", "passes"), [(MARGIN - 0.005, False), (MARGIN + 0.005, True)])
 def test_margin_decides_which_commands_pass(gap, passes):
     """Driven for 0.4 s, the command ends ``gap`` m before a point."""
