@@ -19,6 +19,7 @@ from navrl.transforms.observation_map import Keys
 
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
 _MAX_TIMES = 100
+_CONTACT_CHECKS = 5  # between two checked times, for the time of a contact that cannot be avoided
 _TOLERANCE = 1e-3
 """Distances that differ by less than this are equal, m; far below the noise of a range."""
 
@@ -30,12 +31,14 @@ class ActionShield(ActionMap):
     velocity of their descriptor. At each checked time a point that approaches the robot's present
     position must be ``margin`` away from the hull. The other points must be that far too, or, where
     the nearest of them is within ``margin`` already, no nearer than it is now, and no deeper than
-    ``margin`` in the hull unless they are there. Points that are not finite are no returns. A command that
-    satisfies this passes unchanged. Otherwise it is replaced by the most similar command of a grid
-    that does, where similarity is the difference in units of the limits' ranges. If there is none,
-    the command that misses the required distances by least is selected, and among ties the most
-    similar one; the original command is a candidate too. So beside a wall a stop command is kept,
-    and a pedestrian who walks up to the robot is evaded.
+    ``margin`` in the hull unless they are there. Points that are not finite are no returns.
+
+    A command that satisfies this passes unchanged. Otherwise it is replaced by the most similar
+    command of a grid that does, where similarity is the difference in units of the limits' ranges.
+    If there is none, the contact is delayed: of the commands whose first contact is latest, the
+    requested one is kept if it is among them, or the one is selected that misses the required
+    distances by least. So beside a wall a stop is kept, a pedestrian who walks up to the robot is
+    evaded, and if that is impossible the robot does not drive into them.
 
     The action is (v, w) on both sides. The shield reads no privileged state and gives no guarantee:
     the robot can still hit an occluded obstacle or a pedestrian who changes direction.
@@ -177,19 +180,52 @@ class ActionShield(ActionMap):
         grid = self._grid.to(command).expand(len(command), -1, -1)
         candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
         spare = self._spare(candidates, points, motion, required)
+        stuck = (spare.amax(-1) <= 0.0).nonzero()[:, 0]
+        if len(stuck):
+            seen = points[stuck], motion[stuck]
+            spare[stuck] = self._of_latest_contact(spare[stuck], candidates[stuck], *seen)
         largest = spare.amax(-1, keepdim=True)
         enough = torch.where(largest > 0.0, 0.0, largest - _TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
         nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
         return candidates[torch.arange(len(command), device=command.device), nearest]
 
+    def _of_latest_contact(
+        self, spare: Tensor, candidates: Tensor, points: Tensor, motion: Tensor
+    ) -> Tensor:
+        """Return ``spare [R, S]`` of the candidates whose first contact is latest, else -inf.
+
+        The requested command, candidate 0, is preferred if it is one of them.
+        """
+        outside = points.norm(dim=-1, keepdim=True) > self.radius
+        points = torch.where(outside, points, FAR)  # in contact already
+        step = self.times[0] / _CONTACT_CHECKS
+        times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(self.times))]
+        free = self._room(candidates, points, motion, times) > self.radius
+        until = free.cumprod(-1).sum(-1)
+        latest = until == until.amax(-1, keepdim=True)
+        spare = torch.where(latest, spare, -math.inf)
+        spare[:, 0] = torch.where(latest[:, 0], math.inf, spare[:, 0])
+        return spare
+
     def _spare(self, commands: Tensor, points: Tensor, motion: Tensor, required: Tensor) -> Tensor:
         """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
-        times = commands.new_tensor(self.times)
-        driven = commands.unsqueeze(-2) * times.unsqueeze(-1)  # m and rad from the present pose
+        return self._room(commands, points, motion, self.times, required).amin(-1)
+
+    def _room(
+        self,
+        commands: Tensor,
+        points: Tensor,
+        motion: Tensor,
+        times: list[float],
+        required: Tensor | None = None,
+    ) -> Tensor:
+        """Return the distance to the nearest point at each of T times, ``[N, S, T]`` m."""
+        driven = commands.unsqueeze(-2) * commands.new_tensor(times).unsqueeze(-1)  # m and rad
         places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
-        steps = [time / self.time_step for time in self.times]
-        return room_along(places, points, motion, steps, required).amin(-1)
+        return room_along(
+            places, points, motion, [time / self.time_step for time in times], required
+        )
 
 
 def _check_sizes(

@@ -170,6 +170,18 @@ def test_a_pedestrian_within_the_margin_is_evaded():
     assert driven(seen(person), 0.4) == (torch.tensor(0.4).item(), 0.0)  # it stands there
 
 
+@pytest.mark.parametrize("speed, gap", [(0.8, 0.172), (1.2, 0.272), (0.4, 0.032), (1.4, 0.172)])
+def test_stop_is_kept_if_a_frontal_contact_cannot_be_avoided(speed, gap):
+    """The front of a pedestrian straight ahead: driving on would meet it sooner."""
+    center, angles = RADIUS + gap + 0.15, torch.linspace(-1.2, 1.2, 13)
+    front = [(center - 0.15 * math.cos(a), 0.15 * math.sin(a)) for a in angles.tolist()]
+    front.insert(0, (center - 0.1, 0.0))
+    v, _ = driven(seen(*front, motion=(-0.2 * speed, 0.0)), 0.0)
+    assert v == 0.0
+    v, _ = driven(seen(*front, motion=(-0.2 * speed, 0.0)), 1.0)
+    assert v < 1.0
+
+
 def test_approaching_points_do_not_lower_the_distance_to_others():
     """A pedestrian within the margin on one side, a wall outside of it on the other."""
     person, motion, wall = (0.0, RADIUS + 0.01), (0.0, -0.07), (0.45, 0.0)
