@@ -1,4 +1,8 @@
-"""Aliases of deprecated names, which cause a :class:`DeprecationWarning`."""
+"""Aliases of deprecated names, which warn.
+
+Names in code cause a :class:`DeprecationWarning`, which Python shows to developers. Configuration
+keys cause a :class:`FutureWarning`, which it shows to everyone.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +31,19 @@ RENAMED_INPUTS = {
 """Keys of network inputs of version 0.1, and their present names."""
 
 
-def warn(old: str, advice: str, stacklevel: int = 3) -> None:
+def warn(
+    old: str, advice: str, stacklevel: int = 3, category: type[Warning] = DeprecationWarning
+) -> None:
     """Warn that a name is deprecated.
 
     Args:
         old: The deprecated name.
         advice: What to do instead.
         stacklevel: Number of stack frames from here to the code that used the name.
+        category: Kind of warning.
     """
     message = f"{old} is deprecated: {advice}"
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
+    warnings.warn(message, category, stacklevel=stacklevel)
 
 
 def renamed_attributes(
@@ -121,7 +128,7 @@ def renamed_keys(node: Any, is_silent: bool = False) -> Any:
     if not isinstance(node, Mapping):
         return node
     for old in () if is_silent else RENAMED_KEYS.keys() & node.keys():
-        warn(f"config key {old}", f"use {RENAMED_KEYS[old]}")
+        warn(f"config key {old}", f"use {RENAMED_KEYS[old]}", category=FutureWarning)
     return {
         RENAMED_KEYS.get(name, name): renamed_keys(value, is_silent) for name, value in node.items()
     }

@@ -105,7 +105,7 @@ def test_renamed_methods_warn_and_call_the_new_ones():
 @pytest.mark.parametrize("old, new", [("least_speed", "min"), ("most_speed", "max")])
 def test_renamed_config_keys_of_dwa_warn(old, new):
     cfg = compose("evaluate", ["policy=dwa_predictive", f"+change.controller.{old}=0.5"])
-    with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
+    with pytest.warns(FutureWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
         node = with_controller(cfg).controller
     assert 0.5 in instantiate(node).speed_range
     with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
@@ -116,12 +116,13 @@ def test_renamed_config_keys_of_dwa_warn(old, new):
 def test_shipped_bundles_load_without_deprecation_warnings(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
+        warnings.simplefilter("error", FutureWarning)
         load_bundle(ZOO / name)
 
 
 def test_renamed_key_changes_a_shipped_bundle_of_version_0_1():
     change = "+change.transforms.action_shield.least_speed=0.5"
-    with pytest.warns(DeprecationWarning, match="least_speed is deprecated"):
+    with pytest.warns(FutureWarning, match="config key least_speed is deprecated"):
         old = make_runner(compose("evaluate", ["policy=navrl-best", change]))
     new = change.replace("least", "min_descriptor")
     new = make_runner(compose("evaluate", ["policy=navrl-best", new]))
