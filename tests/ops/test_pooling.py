@@ -86,3 +86,11 @@ def test_any_batch_shape(shape):
 def test_bad_input_is_named(shape, group_size, message):
     with pytest.raises(ValueError, match=message):
         min_pool(torch.ones(shape), group_size)
+
+
+@pytest.mark.parametrize("backend", ["torch", "numba"])
+def test_float64_ranges_keep_their_digits(backend):
+    ranges = torch.tensor([1.0 + 1e-12, 2.0, 3.0 - 1e-12, 3.4]).double()
+    pooled = min_pool(ranges, group_size=2, backend=backend)
+    assert pooled.ranges.tolist() == [1.0 + 1e-12, 3.0 - 1e-12]
+    assert pooled.points.dtype == torch.float64
