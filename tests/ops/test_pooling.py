@@ -90,7 +90,7 @@ def test_bad_input_is_named(shape, group_size, message):
 
 @pytest.mark.parametrize("backend", ["torch", "numba"])
 def test_float64_ranges_keep_their_digits(backend):
-    ranges = torch.tensor([1.0 + 1e-12, 2.0, 3.0 - 1e-12, 3.4]).double()
+    ranges = torch.tensor([1.0 + 1e-12, 2.0, 3.0 - 1e-12, 3.4], dtype=torch.float64)
     pooled = min_pool(ranges, group_size=2, backend=backend)
     assert pooled.ranges.tolist() == [1.0 + 1e-12, 3.0 - 1e-12]
     assert pooled.points.dtype == torch.float64
