@@ -71,21 +71,24 @@ def test_rows_not_reset_retain_a_finished_outcome():
     assert torch.equal(recorder.seen["outcome"][kept], td["outcome"][kept])
 
 
+def mean_of_observed(env, recorder, key):
+    """Return the mean of a key over all steps and partial resets of a drive."""
+    td, rows = env.rand_action(env.reset()), [recorder.seen[key]]
+    for _ in range(40):
+        td = env.step(td)["next"]
+        rows.append(td[key])
+        td, _ = reset_some(env, td)
+        rows.append(td[key])
+        td = env.rand_action(td)
+    return torch.cat(rows).mean()
+
+
 @pytest.mark.parametrize("norm", [VecNorm, VecNormV2])
 def test_running_mean_has_no_zero_rows(norm):
     recorder = ResetRecorder()
     vec_norm = norm(in_keys=["ranges"], out_keys=["ranges_scaled"])
     env = TransformedEnv(make()).append_transform(recorder).append_transform(vec_norm)
-    rows = [env.reset()["ranges"]]
-    td = env.rand_action(env.reset())
-    rows.append(recorder.seen["ranges"])
-    for _ in range(40):
-        td = env.step(td)["next"]
-        rows.append(td["ranges"])
-        td, _ = reset_some(env, td)
-        rows.append(td["ranges"])
-        td = env.rand_action(td)
-    mean = torch.cat(rows).mean()
+    mean = mean_of_observed(env, recorder, "ranges")
     assert mean > 1.0
     loc = vec_norm.loc["ranges"]
     torch.testing.assert_close(loc.mean(), mean, rtol=0.02, atol=0.0)
@@ -134,12 +137,6 @@ def test_torchrls_transformed_env_has_no_zero_rows():
 def test_running_mean_behind_perception_has_no_zero_rows():
     env, recorder = perceiving("navrl")
     env.append_transform(VecNorm(in_keys=["ranges_pooled"], out_keys=["scaled"]))
-    td, rows = env.rand_action(env.reset()), [recorder.seen["ranges_pooled"]]
-    for _ in range(40):
-        td = env.step(td)["next"]
-        rows.append(td["ranges_pooled"])
-        td, _ = reset_some(env, td)
-        rows.append(td["ranges_pooled"])
-        td = env.rand_action(td)
+    mean = mean_of_observed(env, recorder, "ranges_pooled")
     loc = env.transform[-1].loc["ranges_pooled"]
-    torch.testing.assert_close(loc.mean(), torch.cat(rows).mean(), rtol=0.02, atol=0.0)
+    torch.testing.assert_close(loc.mean(), mean, rtol=0.02, atol=0.0)
