@@ -110,13 +110,33 @@ def add_range_noise(
 
 def _table_rows(seed: Tensor, step: Tensor, num_beams: int) -> Tensor:
     """Return [N, num_beams] int64 in [0, 4096): twelve bits of a hash per beam, four per hash."""
-    key = _mix(_mix(seed + _GOLDEN) + step)
+    key = mix(mix(seed + _GOLDEN) + step)
     beam = torch.arange(num_beams, device=seed.device)
-    word = _mix(key[:, None] + _GOLDEN * (beam // 4 + 1))
+    word = mix(key[:, None] + _GOLDEN * (beam // 4 + 1))
     return (word >> (12 * (beam % 4))) & (TABLE_SIZE - 1)
 
 
-def _mix(word: Tensor) -> Tensor:
+def uniform(seed: Tensor, stream: int, step: Tensor | int = 0) -> Tensor:
+    """Return uniform random numbers that depend only on (seed, stream, step).
+
+    Args:
+        seed: [*B] int64, episode seeds.
+        stream: Number of the random variable; streams are independent of each other.
+        step: [*B] int64 or a number, counter within the episode.
+
+    Returns:
+        [*B] float64 in [0, 1), equal on all devices.
+
+    Example:
+        >>> first, second = uniform(torch.tensor([7, 8]), stream=1)
+        >>> bool(0.0 <= first < 1.0), bool(first != second)
+        (True, True)
+    """
+    word = mix(mix(mix(seed + _GOLDEN) + stream) + step)
+    return _shift_right(word, 11).double() / (1 << 53)
+
+
+def mix(word: Tensor) -> Tensor:
     """Apply the splitmix64 finalizer; int64 arithmetic wraps, right shifts fill with zeros."""
     word = (word ^ _shift_right(word, 30)) * _MIX_1
     word = (word ^ _shift_right(word, 27)) * _MIX_2

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import Delays
+from navrl.sim.draws import Uniform
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive, RobotModel
 from navrl.sim.simulator import Simulator
@@ -26,6 +27,7 @@ __all__ = [
     "ScriptedRoutes",
     "SimState",
     "Simulator",
+    "Uniform",
 ]
 
 _LAZY = {"BatchedSimulator": "navrl.sim.batched", "BulletSimulator": "navrl.sim.bullet"}

@@ -1,0 +1,69 @@
+"""Values that are fixed or drawn once per episode from the scenario's seed."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from navrl.ops.noise import uniform
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Uniform distribution of a value that is drawn once per episode.
+
+    Args:
+        low: Smallest value.
+        high: Largest value.
+
+    Raises:
+        ValueError: If a limit is not finite or ``low`` exceeds ``high``.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low <= self.high):
+            raise ValueError(f"low={self.low}, high={self.high}: must be finite and low <= high")
+
+
+Value = float | Uniform
+"""A fixed number, or a distribution of which each episode draws one."""
+
+
+def draw(name: str, value: Value, seed: Tensor, step: Tensor | int = 0) -> Tensor:
+    """Return the value of each episode.
+
+    The same name, seed and step give the same value on every simulator and device, in any batch.
+
+    Args:
+        name: Name of the value; values of different names are independent.
+        value: Fixed number or distribution.
+        seed: [M] int64, ``noise_seed`` of the scenarios.
+        step: [M] int64 or a number, for values that are drawn at each step.
+
+    Returns:
+        [M] float64 on the device of ``seed``.
+
+    Example:
+        >>> seed = torch.tensor([3, 4])
+        >>> draw("lag_s", 0.1, seed).tolist()
+        [0.1, 0.1]
+        >>> low, high = draw("lag_s", Uniform(0.0, 0.3), seed).aminmax()
+        >>> bool(0.0 <= low < high <= 0.3)
+        True
+    """
+    if not isinstance(value, Uniform):
+        return torch.full(seed.shape, float(value), dtype=torch.float64, device=seed.device)
+    share = uniform(seed, zlib.crc32(name.encode()), step)
+    return value.low + (value.high - value.low) * share
+
+
+def limits(value: Value) -> tuple[float, float]:
+    """Return the smallest and the largest possible value."""
+    return (value.low, value.high) if isinstance(value, Uniform) else (value, value)
