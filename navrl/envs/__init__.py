@@ -2,7 +2,15 @@
 
 from navrl.envs.navigation import NavigationEnv
 from navrl.envs.outcome import Outcome
-from navrl.envs.rewards import Collision, Goal, Guidance, Progress, Proximity, Transition
+from navrl.envs.rewards import (
+    Collision,
+    Goal,
+    Guidance,
+    Progress,
+    Proximity,
+    Smoothness,
+    Transition,
+)
 from navrl.envs.transformed import TransformedNavigationEnv
 
 __all__ = [
@@ -13,6 +21,7 @@ __all__ = [
     "Outcome",
     "Progress",
     "Proximity",
+    "Smoothness",
     "TransformedNavigationEnv",
     "Transition",
 ]

@@ -23,7 +23,7 @@ RewardTerm = Callable[[Transition], Tensor]
 
 _STATE = (
     *("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position"),
-    *("_ranges", "_outcome"),
+    *("_ranges", "_outcome", "_command"),
 )
 
 
@@ -40,6 +40,8 @@ class NavigationEnv(EnvBase):
     ========  ==================  ======================================================
     ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams in the lidar's frame
     pose      ``[N, 3]``          (x, y, yaw), world frame
+    velocity  ``[N, C]``          velocity of the robot, e.g. (v, w), m/s and rad/s
+    command   ``[N, C]``          command of the last step, zero after a reset
     path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
     outcome   ``[N, 1]``          :class:`Outcome` of the last step
     contact   ``[N, 1]``          :class:`navrl.sim.Contact` of the last step
@@ -138,6 +140,7 @@ class NavigationEnv(EnvBase):
         self._progress = torch.zeros(n, device=device)
         # The last observation: a partial reset returns it for the other worlds.
         self._ranges = torch.zeros(n, self.simulator.lidar.num_beams, device=device)
+        self._command = torch.zeros(n, self.simulator.robot.command_size, device=device)
         self._outcome = torch.full((n,), Outcome.RUNNING, dtype=torch.int64, device=device)
         self._terms = {name: torch.zeros(n, 1, device=device) for name in self.rewards}
 
@@ -151,6 +154,8 @@ class NavigationEnv(EnvBase):
                 0.0, lidar.max_range, shape=torch.Size((n, lidar.num_beams)), device=device
             ),
             keys.POSE: Unbounded(torch.Size((n, 3)), device=device),
+            keys.VELOCITY: Unbounded(torch.Size((n, robot.command_size)), device=device),
+            keys.COMMAND: Unbounded(torch.Size((n, robot.command_size)), device=device),
             keys.PATH: Unbounded(torch.Size((n, MAX_PATH_POINTS, 2)), device=device),
             keys.OUTCOME: Categorical(len(Outcome), shape=single, **codes),
             keys.CONTACT: Categorical(len(Contact), shape=single, **codes),
@@ -226,6 +231,7 @@ class NavigationEnv(EnvBase):
         self._goal = self._goal.index_put((worlds,), batch.goal.float())
         self._noise_seed = self._noise_seed.index_put((worlds,), batch.noise_seed)
         self._steps = self._steps.index_fill(0, worlds, 0)
+        self._command = self._command.index_fill(0, worlds, 0.0)
         self._position = state.pose[:, :2]
         progress, _ = project_onto_path(path, self._position[worlds])
         self._progress = self._progress.index_put((worlds,), progress)
@@ -244,7 +250,9 @@ class NavigationEnv(EnvBase):
         return self.scenarios.draw(self._generator, len(worlds), self.max_dynamic)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        state = self.simulator.step(tensordict.get(keys.ACTION))
+        command, command_before = tensordict.get(keys.ACTION), self._command
+        state = self.simulator.step(command)
+        self._command = command.float().clone()
         ranges = self.simulator.ranges()
         self._steps = self._steps + 1
         position, before = state.pose[:, :2], self._progress
@@ -266,6 +274,9 @@ class NavigationEnv(EnvBase):
             collided=state.contact != Contact.NONE,
             reached=outcome == Outcome.SUCCESS,
             robot_radius=self.simulator.robot.radius,
+            velocity=state.velocity,
+            command_before=command_before,
+            command=self._command,
         )
         terms = {name: term(transition).unsqueeze(-1) for name, term in self.rewards.items()}
         noisy = self._noisy_ranges(ranges, slice(None))
@@ -293,6 +304,8 @@ class NavigationEnv(EnvBase):
         observation = {
             keys.RANGES: ranges,
             keys.POSE: state.pose,
+            keys.VELOCITY: state.velocity,
+            keys.COMMAND: self._command,
             keys.PATH: self._path,
             keys.OUTCOME: outcome.unsqueeze(-1),
             keys.CONTACT: state.contact.unsqueeze(-1),

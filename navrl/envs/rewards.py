@@ -24,6 +24,9 @@ class Transition:
         collided: ``[N]`` bool.
         reached: ``[N]`` bool, the goal was reached.
         robot_radius: Radius of the robot, m.
+        velocity: ``[N, C]``, velocity of the robot after the step, e.g. (v, w), m/s and rad/s.
+        command_before: ``[N, C]``, command of the previous step; zero in the first step.
+        command: ``[N, C]``, command of this step.
     """
 
     position: Tensor
@@ -35,6 +38,9 @@ class Transition:
     collided: Tensor
     reached: Tensor
     robot_radius: float
+    velocity: Tensor
+    command_before: Tensor
+    command: Tensor
 
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -156,3 +162,23 @@ class Progress:
         before = step.progress_before - step.path_length
         after = torch.where(step.collided | step.reached, 0.0, step.progress - step.path_length)
         return self.weight * (self.gamma * after - before)
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """Negative reward for changes of the command (v, w) and for turning. Not in the paper.
+
+    Args:
+        turn_rate_change: Weight of the change of w since the previous step, per rad/s.
+        speed_change: Weight of the change of v since the previous step, per m/s.
+        turn_rate: Weight of w, per rad/s.
+    """
+
+    turn_rate_change: float = 0.08
+    speed_change: float = 0.0
+    turn_rate: float = 0.0
+
+    def __call__(self, step: Transition) -> Tensor:
+        change = (step.command - step.command_before).abs()
+        cost = self.speed_change * change[:, 0] + self.turn_rate_change * change[:, 1]
+        return -(cost + self.turn_rate * step.command[:, 1].abs())

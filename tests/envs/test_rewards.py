@@ -5,7 +5,16 @@ from dataclasses import replace
 import pytest
 import torch
 
-from navrl.envs import Collision, Goal, Guidance, Outcome, Progress, Proximity, Transition
+from navrl.envs import (
+    Collision,
+    Goal,
+    Guidance,
+    Outcome,
+    Progress,
+    Proximity,
+    Smoothness,
+    Transition,
+)
 from navrl.envs.outcome import classify
 from navrl.sim import Contact
 
@@ -23,6 +32,9 @@ def transition(**changes) -> Transition:
         collided=torch.tensor([False, False]),
         reached=torch.tensor([False, False]),
         robot_radius=0.178,
+        velocity=torch.tensor([[1.0, 0.0], [0.5, -1.0]]),
+        command_before=torch.tensor([[0.0, 0.0], [0.5, 1.0]]),
+        command=torch.tensor([[1.0, 0.0], [0.75, -2.0]]),
     )
     return replace(step, **changes)
 
@@ -52,6 +64,12 @@ def test_proximity_grows_linearly_below_its_distance():
 
 def test_goal_pays_once():
     check(Goal(10.0), [10.0, 0.0], transition(reached=torch.tensor([True, False])))
+
+
+def test_smoothness_costs_changes_of_the_command_and_turning():
+    check(Smoothness(0.1, 0.0, 0.0), [0.0, -0.3])
+    check(Smoothness(0.0, 0.2, 0.0), [-0.2, -0.05])
+    check(Smoothness(0.0, 0.0, 0.01), [0.0, -0.02])
 
 
 def test_progress_rewards_meters():
