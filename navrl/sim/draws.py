@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -105,6 +106,29 @@ def draw(name: str, value: Value, seed: Tensor, step: Tensor | int = 0) -> Tenso
         return torch.full(seed.shape, float(value), dtype=torch.float64, device=seed.device)
     share = uniform(seed, zlib.crc32(name.encode()), step)
     return value.quantile(share)
+
+
+def draw_row(values: Sequence[tuple[str, Value]], seed: Tensor) -> Tensor:
+    """Return several values of each episode, the same as :func:`draw` but faster.
+
+    Args:
+        values: V pairs of name and value.
+        seed: [M] int64, ``noise_seed`` of the scenarios.
+
+    Returns:
+        [M, V] float64 on the device of ``seed``.
+
+    Example:
+        >>> draw_row([("lag_s", 0.1), ("scale", 1.0)], torch.tensor([3])).tolist()
+        [[0.1, 1.0]]
+    """
+    streams = [zlib.crc32(name.encode()) for name, _ in values]
+    shares = uniform(seed[:, None], torch.tensor(streams, device=seed.device)).unbind(-1)
+    columns = [
+        value.quantile(share) if isinstance(value, Uniform) else torch.full_like(share, value)
+        for (_, value), share in zip(values, shares, strict=True)
+    ]
+    return torch.stack(columns, dim=-1)
 
 
 def limits(value: Value) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops.unicycle import advance_poses
-from navrl.sim.draws import Uniform, Value, draw, limits, nominal
+from navrl.sim.draws import Uniform, Value, draw_row, limits, nominal
 from navrl.sim.robot import DifferentialDrive, RobotModel
 
 # Pairs (v, w) of columns of the parameters; each pair is one stage.
@@ -143,7 +143,7 @@ class LimitedDrive(DifferentialDrive):
         """
         if not self._is_varied:
             return super().draw(seed)
-        return torch.stack([draw(f"robot.{name}", value, seed) for name, value in self._values], -1)
+        return draw_row([(f"robot.{name}", value) for name, value in self._values], seed)
 
     def advance(
         self,
