@@ -112,7 +112,7 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
     """Return a copy of ``cfg`` with a bundle's parts, modified by ``cfg.change``."""
     own = {part: config[part] for part in PARTS}
-    return _replaced(cfg, OmegaConf.merge(own, _change(cfg)))
+    return _replaced(cfg, _merged(own, _change(cfg)))
 
 
 def policy_name(cfg: DictConfig) -> str:
@@ -179,11 +179,22 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
     node = controller_node(cfg.policy) if node is None else node
     changed = {part: cfg[part] for part in PARTS if part in cfg.change}
     parts = {"controller": renamed_keys(node), **changed}
-    return _replaced(cfg, OmegaConf.merge(parts, _change(cfg)))
+    return _replaced(cfg, _merged(parts, _change(cfg)))
 
 
 def _change(cfg: DictConfig) -> dict:
     return renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
+
+
+def _merged(parts: Mapping[str, Any], change: Mapping[str, Any]) -> DictConfig | ListConfig:
+    """Return the parts with the changes merged; a part that becomes another class is replaced."""
+    targets = {name: node.get("_target_") for name, node in change.items()}
+    kept = {
+        name: node
+        for name, node in parts.items()
+        if targets.get(name) in (None, node.get("_target_"))
+    }
+    return OmegaConf.merge(kept, change)
 
 
 def _replaced(cfg: DictConfig, parts: DictConfig | ListConfig) -> DictConfig:

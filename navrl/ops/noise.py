@@ -116,12 +116,12 @@ def _table_rows(seed: Tensor, step: Tensor, num_beams: int) -> Tensor:
     return (word >> (12 * (beam % 4))) & (TABLE_SIZE - 1)
 
 
-def uniform(seed: Tensor, stream: int, step: Tensor | int = 0) -> Tensor:
+def uniform(seed: Tensor, stream: Tensor | int, step: Tensor | int = 0) -> Tensor:
     """Return uniform random numbers that depend only on (seed, stream, step).
 
     Args:
         seed: [*B] int64, episode seeds.
-        stream: Number of the random variable; streams are independent of each other.
+        stream: [*B] int64 or a number of the random variable; streams are independent.
         step: [*B] int64 or a number, counter within the episode.
 
     Returns:

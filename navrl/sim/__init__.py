@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import Delays
-from navrl.sim.draws import Uniform
+from navrl.sim.draws import LogUniform, Uniform
 from navrl.sim.lidar import Lidar
+from navrl.sim.limited_drive import LimitedDrive
 from navrl.sim.robot import DifferentialDrive, RobotModel
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import Contact, SimState
@@ -22,6 +23,8 @@ __all__ = [
     "Delays",
     "DifferentialDrive",
     "Lidar",
+    "LimitedDrive",
+    "LogUniform",
     "PedestrianModel",
     "RobotModel",
     "ScriptedRoutes",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 import torch
 from torch import Tensor
@@ -37,8 +37,8 @@ class BatchedSimulator(Simulator):
 
     Args:
         num_worlds: Number of worlds N.
-        robot: Robot model. A :class:`navrl.sim.DifferentialDrive` is compiled; other models run
-            their own torch code.
+        robot: Robot model. A :class:`navrl.sim.DifferentialDrive` is compiled; other models, and
+            subclasses with an own ``advance``, run their torch code.
         lidar: Lidar model.
         time_step_s: Duration of a step, s.
         substeps: Contact checks per step.
@@ -136,6 +136,7 @@ class BatchedSimulator(Simulator):
             rows[name][worlds] = 0
         self._reset_pedestrians(worlds, scenarios)
         self.commands.reset(worlds)
+        self.robot_parameters[worlds] = self.robot.draw(scenarios.noise_seed)
         self.scan_memory.reset(worlds, self._scene)
         if self.pedestrians.is_reactive:
             self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
@@ -206,7 +207,7 @@ class BatchedSimulator(Simulator):
             targets = self.pedestrians.targets(self.state(), self.time_step_s)
             self._legs = step_legs(rows["boxes"], targets)
         velocities = None
-        if not isinstance(self.robot, DifferentialDrive):
+        if not _is_compiled(self.robot):
             motion = (rows["pose"], rows["velocity"], older, newer)
             self._track, velocities = self.trajectory(*motion)
         before = rows["tick"].clone() if velocities is not None else None
@@ -290,9 +291,14 @@ class BatchedSimulator(Simulator):
         self._make_scratch()
 
 
+def _is_compiled(robot: RobotModel) -> TypeGuard[DifferentialDrive]:
+    """Return whether the kernel moves the robot, rather than its own torch code."""
+    return isinstance(robot, DifferentialDrive) and robot.is_compiled
+
+
 def _drive_parameters(robot: RobotModel) -> tuple:
     """Return the ``drive`` argument of the kernel for a differential drive or another model."""
-    if not isinstance(robot, DifferentialDrive):
+    if not _is_compiled(robot):
         return (robot.radius, True, 1.0, math.inf, 0.0, 0.0, 0.0)
     return (
         robot.radius,

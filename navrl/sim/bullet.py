@@ -127,6 +127,7 @@ class BulletSimulator(Simulator):
             self._rows["boxes"][worlds] = self._scripted(0, 1)[worlds, 0]
             self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
         self.commands.reset(worlds)
+        self.robot_parameters[worlds] = self.robot.draw(scenarios.noise_seed)
         if self.scan_memory.is_used:
             self.scan_memory.reset(worlds, {"pose": self._rows["pose"], "boxes": self._boxes()})
         self._build(worlds.tolist())
@@ -202,6 +203,7 @@ class BulletSimulator(Simulator):
         pose: Sequence[float] = rows["pose"][world].tolist()
         velocity: Sequence[float] = rows["velocity"][world].tolist()
         first_speed, first_turn = self.commands.first_substeps
+        drawn = (self.robot_parameters[world],) if self.robot_parameters.shape[1] > 0 else ()
         scanned_pose, driven, contact = None, 0, NONE
         for index, boxes in enumerate(track):
             if index == self.scan_memory.scanned_substep:
@@ -210,7 +212,8 @@ class BulletSimulator(Simulator):
                 *(newer if index >= first_speed else older)[:1],
                 *(newer if index >= first_turn else older)[1:],
             ]
-            pose, velocity = self.robot.advance_one(pose, velocity, command, self.substep_s)
+            motion = (pose, velocity, command, self.substep_s)
+            pose, velocity = self.robot.advance_one(*motion, *drawn)
             driven = index + 1
             scene.place(pose, boxes)
             contact = scene.contact(pose, self.robot.travel_one(pose, velocity))

@@ -18,9 +18,9 @@ class RobotModel(ABC):
     """Base class of robot models with a disc-shaped hull: command limits and motion.
 
     Simulators, environment, runner and controllers use robots through this interface. A subclass
-    implements :attr:`command_limits` and :meth:`advance`, and :meth:`travel` if it can move
-    sideways. The simulator stores the state (pose, velocity); a model only holds parameters. The
-    velocity has the components of the command.
+    implements :attr:`command_limits` and :meth:`advance`, :meth:`travel` if it can move sideways,
+    and :meth:`draw` if it differs between episodes. The simulator stores the state (pose, velocity)
+    and the parameters of the episode. The velocity has the components of the command.
 
     Attributes:
         radius: Radius of the hull, m.
@@ -33,21 +33,68 @@ class RobotModel(ABC):
     def command_limits(self) -> tuple[Sequence[float], Sequence[float]]:
         """Smallest and largest command, C numbers each, e.g. (v, w) in m/s and rad/s."""
 
+    def draw(self, seed: Tensor) -> Tensor:
+        """Draw the parameters of episodes; P = 0 for a model that is the same in all of them.
+
+        Args:
+            seed: [M] int64, ``noise_seed`` of the scenarios.
+
+        Returns:
+            [M, P] float64 on the device of ``seed``, rows that depend on their seed only.
+        """
+        return torch.zeros(len(seed), 0, dtype=torch.float64, device=seed.device)
+
     @abstractmethod
     def advance(
-        self, pose: Tensor, velocity: Tensor, command: Tensor, duration: float
+        self,
+        pose: Tensor,
+        velocity: Tensor,
+        command: Tensor,
+        duration: float,
+        parameters: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Return pose and velocity after one substep.
+
+        Simulators pass ``parameters`` to models with P > 0 only, so others need not accept it.
 
         Args:
             pose: [*B, 3] float64 (x, y, yaw), world, m and rad.
             velocity: [*B, C], velocity of the previous substep, in the components of the command.
             command: [*B, C], clipped to the limits by the model.
             duration: Duration of the substep, s.
+            parameters: [*B, P] float64 of :meth:`draw`; None for the nominal base.
 
         Returns:
             Pose [*B, 3] and velocity [*B, C] after the substep.
         """
+
+    def rollout(
+        self,
+        pose: Tensor,
+        velocity: Tensor,
+        commands: Tensor,
+        duration: float,
+        parameters: Tensor | None = None,
+    ) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities after each of S substeps; see :meth:`advance`.
+
+        Args:
+            pose: [*B, 3] float64 at the start.
+            velocity: [*B, C] at the start.
+            commands: [S, *B, C], command of each substep.
+            duration: Duration of each substep, s.
+            parameters: [*B, P] float64 of :meth:`draw`; None for the nominal base.
+
+        Returns:
+            Poses [S, *B, 3] and velocities [S, *B, C].
+        """
+        drawn = () if parameters is None else (parameters,)
+        poses, velocities = [], []
+        for command in commands:
+            pose, velocity = self.advance(pose, velocity, command, duration, *drawn)
+            poses.append(pose)
+            velocities.append(velocity)
+        return torch.stack(poses), torch.stack(velocities)
 
     def advance_one(
         self,
@@ -55,10 +102,20 @@ class RobotModel(ABC):
         velocity: Sequence[float],
         command: Sequence[float],
         duration: float,
+        parameters: Tensor | None = None,
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return pose and velocity of one robot as numbers; see :meth:`advance`."""
+        """Return pose and velocity of one robot as numbers; see :meth:`advance`.
+
+        Args:
+            pose: (x, y, yaw), world, m and rad.
+            velocity: C numbers, velocity of the previous substep.
+            command: C numbers.
+            duration: Duration of the substep, s.
+            parameters: [P] float64 of :meth:`draw`; None for the nominal base.
+        """
         rows = [torch.tensor([value], dtype=torch.float64) for value in (pose, velocity, command)]
-        pose_after, velocity_after = self.advance(rows[0], rows[1], rows[2], duration)
+        drawn = () if parameters is None else (parameters[None],)
+        pose_after, velocity_after = self.advance(rows[0], rows[1], rows[2], duration, *drawn)
         return tuple(pose_after[0].tolist()), tuple(velocity_after[0].tolist())
 
     def travel(self, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
@@ -165,6 +222,11 @@ class DifferentialDrive(RobotModel):
         self.wheel_acceleration = float(wheel_acceleration)
 
     @property
+    def is_compiled(self) -> bool:
+        """Whether the batched simulator's kernel moves it; false if a subclass has own motion."""
+        return type(self).advance is DifferentialDrive.advance
+
+    @property
     def top_speed(self) -> float:
         """Largest forward speed, m/s."""
         return self.max_speed
@@ -191,7 +253,12 @@ class DifferentialDrive(RobotModel):
         return torch.stack((0.5 * (left + right), (right - left) / self.wheel_separation), dim=-1)
 
     def advance(
-        self, pose: Tensor, velocity: Tensor, command: Tensor, duration: float
+        self,
+        pose: Tensor,
+        velocity: Tensor,
+        command: Tensor,
+        duration: float,
+        parameters: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Return pose and velocity after one substep.
 
@@ -202,6 +269,7 @@ class DifferentialDrive(RobotModel):
             velocity: [*B, 2] (v, w) of the previous substep, m/s and rad/s.
             command: [*B, 2] (v, w), m/s and rad/s, clipped to the limits here.
             duration: Duration of the substep, s.
+            parameters: Ignored; the base is the same in all episodes.
 
         Returns:
             Pose [*B, 3] and velocity [*B, 2] after the substep.
@@ -219,6 +287,7 @@ class DifferentialDrive(RobotModel):
         velocity: Sequence[float],
         command: Sequence[float],
         duration: float,
+        parameters: Tensor | None = None,
     ) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Return pose and velocity without tensors, in a few microseconds; see :meth:`advance`."""
         v = min(max(command[0], self.min_speed), self.max_speed)

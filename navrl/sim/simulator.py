@@ -81,6 +81,9 @@ class Simulator(ABC):
         clock = (delays, self.substeps, self.substep_s)
         self.commands = CommandQueue(self.num_worlds, robot.command_size, *clock, self.device)
         self.scan_memory = ScanMemory(*clock)
+        drawn = robot.draw(torch.zeros(0, dtype=torch.int64, device=self.device))
+        self.robot_parameters = drawn.new_zeros(self.num_worlds, drawn.shape[1])
+        """[N, P] float64, parameters of the robot model in the current episodes."""
 
     @abstractmethod
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
@@ -168,20 +171,27 @@ class Simulator(ABC):
         """Continue from a state of :meth:`state_dict` of a simulator with the same arguments."""
 
     def clock_state(self) -> dict[str, Tensor]:
-        """Return the part of :meth:`state_dict` for delays and pedestrian model."""
+        """Return the part of :meth:`state_dict` for delays, robot and pedestrian models."""
         state = {
             f"pedestrians.{name}": rows for name, rows in self.pedestrians.state_dict().items()
         }
         if self.commands.pending.shape[1] > 0:
             state["pending_commands"] = self.commands.pending.clone()
+        if self.robot_parameters.shape[1] > 0:
+            state["robot_parameters"] = self.robot_parameters.clone()
         return state | self.scan_memory.state_dict()
 
     def load_clock_state(self, state: dict[str, Tensor]) -> None:
         """Restore a state of :meth:`clock_state`.
 
         Raises:
-            ValueError: If the delays differ.
+            ValueError: If the delays or the number of the robot's parameters differ.
         """
+        drawn = state.get("robot_parameters", self.robot_parameters[:, :0])
+        if drawn.shape != self.robot_parameters.shape:
+            wanted, got = list(self.robot_parameters.shape), list(drawn.shape)
+            raise ValueError(f"state['robot_parameters']: must have shape {wanted}, got {got}")
+        self.robot_parameters = drawn.to(self.device, torch.float64, copy=True)
         pending = state.get("pending_commands", self.commands.pending)
         if pending.shape != self.commands.pending.shape:
             wanted, got = list(self.commands.pending.shape), list(pending.shape)
@@ -266,13 +276,14 @@ class Simulator(ABC):
         """
         first = torch.tensor(self.commands.first_substeps, device=pose.device)
         first = first[[0] + [1] * (self.robot.command_size - 1)]  # others have that of turn rate
-        points, velocities = [], []
-        for index in range(self.substeps):
-            command = torch.where(index >= first, newer, older)
-            pose, velocity = self.robot.advance(pose, velocity, command, self.substep_s)
-            points.append(torch.cat((pose, torch.stack(self.robot.travel(pose, velocity), -1)), -1))
-            velocities.append(velocity)
-        return torch.stack(points, dim=1), torch.stack(velocities, dim=1)
+        index = torch.arange(self.substeps, device=pose.device)[:, None, None]
+        commands = torch.where(index >= first, newer, older)  # [S, N, C]
+        drawn = (self.robot_parameters,) if self.robot_parameters.shape[1] > 0 else ()
+        motion = (pose, velocity, commands, self.substep_s)
+        poses, velocities = self.robot.rollout(*motion, *drawn)
+        travel = torch.stack(self.robot.travel(poses, velocities), dim=-1)
+        track = torch.cat((poses, travel), dim=-1).transpose(0, 1).contiguous()
+        return track, velocities.transpose(0, 1)
 
     def close(self) -> None:
         """Release native resources; a closed simulator cannot be used again."""
