@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from navrl.checks import check_positive
+from navrl.ops.contact import NONE
 from navrl.ops.kernels.worlds import (
     place_pedestrians_kernel,
     scan_worlds_kernel,
@@ -84,12 +85,7 @@ class BatchedSimulator(Simulator):
             device,
         )
         check_positive(max_walls=max_walls)
-        self._timing = (
-            self.substep_s,
-            self.substeps,
-            *self.commands.first_substeps,
-            self.scan_memory.scanned_substep,
-        )
+        self._timing = (self.substep_s, self.substeps)
         self._drive = _drive_parameters(robot)
         self._mount = torch.tensor(lidar.mount, dtype=torch.float64, device=self.device)
         self._every_world = torch.arange(self.num_worlds, device=self.device)
@@ -116,7 +112,7 @@ class BatchedSimulator(Simulator):
         self._legs = torch.full((n, rows, 5), torch.nan, **real)  # of the current step
         # Placeholders for kernel arguments that other robot models or delays use:
         self._track = torch.zeros(n, 1, 5, **real)
-        self._unseen = {"pose": torch.zeros(n, 3, **real), "boxes": torch.zeros(n, k, 5, **real)}
+        self._no_age = torch.zeros(n, **whole)
         self._is_ready = False
         self._all_finite = torch.ones((), dtype=torch.bool, device=self.device)
         self._make_scratch()
@@ -135,9 +131,9 @@ class BatchedSimulator(Simulator):
         for name in ("velocity", "tick", "contact"):
             rows[name][worlds] = 0
         self._reset_pedestrians(worlds, scenarios)
-        self.commands.reset(worlds)
         self.robot_parameters[worlds] = self.robot.draw(scenarios.noise_seed)
-        self.scan_memory.reset(worlds, self._scene)
+        self.commands.reset(worlds, scenarios.noise_seed)
+        self.scan_memory.reset(worlds, scenarios.noise_seed, self._scene)
         if self.pedestrians.is_reactive:
             self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
         self._is_ready = self._is_ready or not bool(rows["pose"].isnan().any())
@@ -202,20 +198,19 @@ class BatchedSimulator(Simulator):
         if not self._is_ready:
             raise RuntimeError("every world must be reset before the first step")
         rows = self._rows
-        older, newer = self.commands.push(self._finite(command).double().contiguous())
+        commands = self.commands.push(self._finite(command).double().contiguous())
         if self.pedestrians.is_reactive:
             targets = self.pedestrians.targets(self.state(), self.time_step_s)
             self._legs = step_legs(rows["boxes"], targets)
         velocities = None
         if not _is_compiled(self.robot):
-            motion = (rows["pose"], rows["velocity"], older, newer)
-            self._track, velocities = self.trajectory(*motion)
+            self._track, velocities = self.trajectory(rows["pose"], rows["velocity"], commands)
         before = rows["tick"].clone() if velocities is not None else None
-        seen = self.scan_memory.next() if self.scan_memory.is_used else self._unseen
+        past = self.scan_memory.rows
+        moved = rows["contact"] == NONE if self.scan_memory.is_used else None
         step_worlds_kernel(
             *(rows[name] for name in ("pose", "velocity", "tick", "contact")),
-            older,
-            newer,
+            commands,
             self._track,
             self._drive,
             self._timing,
@@ -223,9 +218,12 @@ class BatchedSimulator(Simulator):
             self._legs,
             rows["boxes"],
             self._near,
-            seen["pose"],
-            seen["boxes"],
+            past["pose"],
+            past["boxes"],
+            past["present"],
         )
+        if moved is not None:
+            self.scan_memory.advance(moved)
         if velocities is not None and before is not None:
             driven = rows["tick"] - before
             last = velocities[self._every_world, (driven - 1).clamp_min(0)]
@@ -247,7 +245,11 @@ class BatchedSimulator(Simulator):
         if not self._is_ready and bool(self._rows["pose"][worlds].isnan().any()):
             raise RuntimeError("every world must be reset before the first scan")
         out = torch.empty(len(worlds), self.lidar.num_beams, device=self.device)
-        seen = self.scan_memory.oldest if self.scan_memory.is_used else self._scene
+        seen = {name: rows[:, None] for name, rows in self._scene.items()}
+        newest = sweep = self._no_age
+        if self.scan_memory.is_used:
+            memory = self.scan_memory
+            seen, newest, sweep = memory.rows, memory.newest, memory.sweep
         scan_worlds_kernel(
             out,
             worlds,
@@ -255,6 +257,8 @@ class BatchedSimulator(Simulator):
             self._mount,
             *(self._rows[name] for name in ("walls", "num_walls")),
             seen["boxes"],
+            newest,
+            sweep,
             *self._beams,
             self.lidar.max_range,
         )

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from navrl.ops.beams import first_beam
 from navrl.ops.contact import NONE
 from navrl.sim.bullet_client import Client
 from navrl.sim.bullet_scene import Scene
@@ -126,10 +127,10 @@ class BulletSimulator(Simulator):
         if self.pedestrians.is_reactive:
             self._rows["boxes"][worlds] = self._scripted(0, 1)[worlds, 0]
             self.pedestrians.reset(worlds, compact_pedestrians(scenarios, self.max_pedestrians))
-        self.commands.reset(worlds)
         self.robot_parameters[worlds] = self.robot.draw(scenarios.noise_seed)
-        if self.scan_memory.is_used:
-            self.scan_memory.reset(worlds, {"pose": self._rows["pose"], "boxes": self._boxes()})
+        self.commands.reset(worlds, scenarios.noise_seed)
+        now = {"pose": self._rows["pose"], "boxes": self._boxes()}
+        self.scan_memory.reset(worlds, scenarios.noise_seed, now)
         self._build(worlds.tolist())
 
     def _build(self, worlds: list[int]) -> None:
@@ -162,20 +163,20 @@ class BulletSimulator(Simulator):
     def step(self, command: Tensor) -> SimState:
         self._check_ready()
         self.check_command(command)
-        older, newer = (given.tolist() for given in self.commands.push(command.detach().double()))
+        commands = self.commands.push(command.detach().double()).tolist()
         moves = (self._rows["contact"] == NONE) & ~self._skipped
-        self._is_scanned &= ~moves & (not self.scan_memory.is_used)
+        self._is_scanned &= ~moves
         tracks = self._tracks()
-        seen = self.scan_memory.next() if self.scan_memory.is_used else None
         for world in moves.nonzero().flatten().tolist():
-            track = tracks[world].tolist()
-            driven, scanned_pose = self._drive(world, older[world], newer[world], track[1:])
+            driven = self._drive(world, commands[world], tracks[world, 1:].tolist())
             if self.pedestrians.is_reactive:
-                self._rows["boxes"][world] = tracks[world, driven]
-            if seen is not None:
-                scanned = min(driven, self.scan_memory.scanned_substep)
-                seen["pose"][world] = torch.tensor(scanned_pose, dtype=torch.float64)
-                seen["boxes"][world] = tracks[world, scanned]
+                self._rows["boxes"][world] = tracks[world, len(driven)]
+            if self.scan_memory.is_used:  # a world is stationary after a contact
+                substeps = torch.arange(self.substeps).clamp_max(len(driven) - 1)
+                poses = torch.tensor(driven, dtype=torch.float64)[substeps]
+                self.scan_memory.write(world, poses, tracks[world, 1 + substeps])
+        if self.scan_memory.is_used:
+            self.scan_memory.advance(moves)
         return self.state()
 
     def _tracks(self) -> Tensor:
@@ -192,40 +193,36 @@ class BulletSimulator(Simulator):
         self._skipped = worlds.cpu().clone()
 
     def _drive(
-        self, world: int, older: list[float], newer: list[float], track: list[list[list[float]]]
-    ) -> tuple[int, Sequence[float]]:
+        self, world: int, commands: list[list[float]], track: list[list[list[float]]]
+    ) -> list[Sequence[float]]:
         """Advance one world by a step, or to its first contact.
 
+        ``commands`` are those of the substeps, or a single one; ``track`` has the boxes of the
+        pedestrians after each substep.
+
         Returns:
-            The number of executed substeps, and the pose at the time of the step's scan snapshot.
+            The poses after the executed substeps.
         """
         rows, scene = self._rows, self._scenes[world]
         pose: Sequence[float] = rows["pose"][world].tolist()
         velocity: Sequence[float] = rows["velocity"][world].tolist()
-        first_speed, first_turn = self.commands.first_substeps
         drawn = (self.robot_parameters[world],) if self.robot_parameters.shape[1] > 0 else ()
-        scanned_pose, driven, contact = None, 0, NONE
+        poses, contact = [], NONE
         for index, boxes in enumerate(track):
-            if index == self.scan_memory.scanned_substep:
-                scanned_pose = pose
-            command = [
-                *(newer if index >= first_speed else older)[:1],
-                *(newer if index >= first_turn else older)[1:],
-            ]
-            motion = (pose, velocity, command, self.substep_s)
+            motion = (pose, velocity, commands[min(index, len(commands) - 1)], self.substep_s)
             pose, velocity = self.robot.advance_one(*motion, *drawn)
-            driven = index + 1
+            poses.append(pose)
             scene.place(pose, boxes)
             contact = scene.contact(pose, self.robot.travel_one(pose, velocity))
             if world == 0:
                 self._check_open().wait_for_real_time(self.substep_s)
             if contact != NONE:
                 break
-        rows["tick"][world] += driven
+        rows["tick"][world] += len(poses)
         rows["pose"][world] = torch.tensor(pose, dtype=torch.float64)
         rows["velocity"][world] = torch.tensor(velocity, dtype=torch.float64)
         rows["contact"][world] = contact
-        return driven, pose if scanned_pose is None else scanned_pose
+        return poses
 
     def state(self) -> SimState:
         rows = self._rows
@@ -251,15 +248,19 @@ class BulletSimulator(Simulator):
         return row["boxes"][: int(row["num_boxes"])].clone()
 
     def _scan(self, world: int) -> np.ndarray:
-        """Return the scan reported by the lidar of one world, which may be delayed."""
+        """Return the scan reported by the lidar of one world, which may be of the past."""
         scene, pose = self._scenes[world], self._rows["pose"][world].tolist()
         if not self.scan_memory.is_used:
             return scene.scan(pose)
-        seen = {name: rows[world].tolist() for name, rows in self.scan_memory.oldest.items()}
-        scene.place(seen["pose"], seen["boxes"])
-        ranges = scene.scan(seen["pose"])
+        parts, entries = [], self.scan_memory.entries(world)
+        for part, (seen, boxes) in enumerate(entries):
+            begin, end = (
+                first_beam(index, len(entries), self.lidar.num_beams) for index in (part, part + 1)
+            )
+            scene.place(seen, boxes)
+            parts.append(scene.scan(seen, begin, end))
         scene.place(pose, self._boxes()[world].tolist())
-        return ranges
+        return np.concatenate(parts)
 
     def render(self, world: int = 0, width: int = 640, height: int = 480) -> np.ndarray:
         """Return a picture [height, width, 3] uint8 of a world from above; needs no display.

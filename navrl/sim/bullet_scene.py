@@ -191,17 +191,21 @@ class Scene:
         )
         return hit[0][0]
 
-    def scan(self, pose: Sequence[float]) -> np.ndarray:
-        """Return the ranges [beams] float32 m of the lidar for the robot at (x, y, yaw)."""
+    def scan(self, pose: Sequence[float], begin: int = 0, end: int | None = None) -> np.ndarray:
+        """Return ranges of the lidar for the robot at (x, y, yaw).
+
+        Returns:
+            [end - begin] float32 m, of the beams ``begin .. end - 1``; of all beams by default.
+        """
         (x, y, yaw), (along, across, turn) = pose, self._lidar.mount
         x += math.cos(yaw) * along - math.sin(yaw) * across
         y += math.sin(yaw) * along + math.cos(yaw) * across
+        beam_cos, beam_sin = self._directions[:, begin:end]
         if self._surrounding_body(x, y) >= 0:
-            return np.zeros(self._lidar.num_beams, dtype=np.float32)
+            return np.zeros(len(beam_cos), dtype=np.float32)
         cos, sin = math.cos(yaw + turn), math.sin(yaw + turn)
-        beam_cos, beam_sin = self._directions
         reach = self._lidar.max_range
-        ends = np.empty((self._lidar.num_beams, 3))
+        ends = np.empty((len(beam_cos), 3))
         ends[:, 0] = x + reach * (cos * beam_cos - sin * beam_sin)
         ends[:, 1] = y + reach * (sin * beam_cos + cos * beam_sin)
         ends[:, 2] = self._scan_height

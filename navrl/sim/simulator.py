@@ -7,6 +7,7 @@ same episode on both.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,10 @@ from navrl.checks import check_positive
 from navrl.deprecation import warn
 from navrl.ops.backend import find_device
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
-from navrl.sim.delays import CommandQueue, Delays, ScanMemory
+from navrl.sim.delays import CommandQueue, Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
+from navrl.sim.scan_memory import ScanMemory
 from navrl.sim.state import SimState
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ class Simulator(ABC):
         substeps: Contact checks per step.
         max_pedestrians: Number of rows K of :attr:`SimState.pedestrians`.
         pedestrians: Pedestrian model; None for the routes of the scenario.
-        delays: Ages of scans and commands, multiples of the substep; None for no delays.
+        delays: Delays of scans and commands; None for no delays.
         device: Device of the outputs.
 
     Raises:
@@ -80,10 +82,12 @@ class Simulator(ABC):
         delays = Delays() if delays is None else delays
         clock = (delays, self.substeps, self.substep_s)
         self.commands = CommandQueue(self.num_worlds, robot.command_size, *clock, self.device)
-        self.scan_memory = ScanMemory(*clock)
         drawn = robot.draw(torch.zeros(0, dtype=torch.int64, device=self.device))
         self.robot_parameters = drawn.new_zeros(self.num_worlds, drawn.shape[1])
         """[N, P] float64, parameters of the robot model in the current episodes."""
+        coverage = min(1.0, lidar.num_beams * abs(lidar.increment) / (2.0 * math.pi))
+        sizes = (self.num_worlds, self.max_pedestrians)
+        self.scan_memory = ScanMemory(*sizes, delays, coverage, *clock[1:], self.device)
 
     @abstractmethod
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
@@ -148,6 +152,33 @@ class Simulator(ABC):
             RuntimeError: If the world has not been reset yet.
         """
 
+    def scan_motion(self) -> Tensor:
+        """Return where the robots were when the current scans were measured.
+
+        Returns:
+            [N, 2, 3] float64 (x, y, yaw), m and rad, the robot's frame at the times of the first
+            and of the last beam, in its present frame; zeros for a scan without age.
+        """
+        return self.scan_memory.motion()
+
+    def pending_commands(self) -> tuple[Tensor, Tensor]:
+        """Return the commands of the last D steps; D is 0 without delays of commands.
+
+        Returns:
+            The commands [N, D, C] float64, latest first, and the substeps [N, D, 2] int64 from now
+            until their speed and their other components take effect, 0 or less if they have. The
+            latest of those that have taken effect applies now.
+        """
+        return self.commands.rows["pending"].clone(), self.commands.remaining_substeps()
+
+    def command_delays(self) -> Tensor:
+        """Return the delays of speed and other components in these episodes.
+
+        Returns:
+            [N, 2] int64 substeps, without jitter.
+        """
+        return self.commands.rows["delay"].clone()
+
     def skip(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
         """Mark finished worlds; a simulator may skip them until reset.
 
@@ -175,11 +206,9 @@ class Simulator(ABC):
         state = {
             f"pedestrians.{name}": rows for name, rows in self.pedestrians.state_dict().items()
         }
-        if self.commands.pending.shape[1] > 0:
-            state["pending_commands"] = self.commands.pending.clone()
         if self.robot_parameters.shape[1] > 0:
             state["robot_parameters"] = self.robot_parameters.clone()
-        return state | self.scan_memory.state_dict()
+        return state | self.commands.state_dict() | self.scan_memory.state_dict()
 
     def load_clock_state(self, state: dict[str, Tensor]) -> None:
         """Restore a state of :meth:`clock_state`.
@@ -192,12 +221,8 @@ class Simulator(ABC):
             wanted, got = list(self.robot_parameters.shape), list(drawn.shape)
             raise ValueError(f"state['robot_parameters']: must have shape {wanted}, got {got}")
         self.robot_parameters = drawn.to(self.device, torch.float64, copy=True)
-        pending = state.get("pending_commands", self.commands.pending)
-        if pending.shape != self.commands.pending.shape:
-            wanted, got = list(self.commands.pending.shape), list(pending.shape)
-            raise ValueError(f"state['pending_commands']: must have shape {wanted}, got {got}")
-        self.commands.pending = pending.to(self.device, torch.float64, copy=True)
-        self.scan_memory.load_state_dict(state, self.device)
+        self.commands.load_state_dict(state)
+        self.scan_memory.load_state_dict(state)
         prefix = "pedestrians."
         own = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
         self.pedestrians.load_state_dict(own)
@@ -259,28 +284,22 @@ class Simulator(ABC):
         if self.device.type == "cpu" and not bool(torch.isfinite(command).all()):
             raise ValueError("command: must be finite, got NaN or infinity")
 
-    def trajectory(
-        self, pose: Tensor, velocity: Tensor, older: Tensor, newer: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def trajectory(self, pose: Tensor, velocity: Tensor, commands: Tensor) -> tuple[Tensor, Tensor]:
         """Return the motion of all robots in a step without obstacles.
 
         Args:
             pose: [N, 3] float64 (x, y, yaw), world, m and rad.
             velocity: [N, C] float64, velocity at the start of the step.
-            older: [N, C] float64, command before the delays have passed.
-            newer: [N, C] float64, command after the delays have passed.
+            commands: [N, S, C] float64, commands of the substeps, or [N, 1, C] if it is the same in
+                all of them.
 
         Returns:
             [N, S, 5] float64 (x, y, yaw, direction of travel, speed along it) after each substep,
             and the velocities [N, S, C].
         """
-        first = torch.tensor(self.commands.first_substeps, device=pose.device)
-        first = first[[0] + [1] * (self.robot.command_size - 1)]  # others have that of turn rate
-        index = torch.arange(self.substeps, device=pose.device)[:, None, None]
-        commands = torch.where(index >= first, newer, older)  # [S, N, C]
+        commands = commands.expand(-1, self.substeps, -1).transpose(0, 1)
         drawn = (self.robot_parameters,) if self.robot_parameters.shape[1] > 0 else ()
-        motion = (pose, velocity, commands, self.substep_s)
-        poses, velocities = self.robot.rollout(*motion, *drawn)
+        poses, velocities = self.robot.rollout(pose, velocity, commands, self.substep_s, *drawn)
         travel = torch.stack(self.robot.travel(poses, velocities), dim=-1)
         track = torch.cat((poses, travel), dim=-1).transpose(0, 1).contiguous()
         return track, velocities.transpose(0, 1)

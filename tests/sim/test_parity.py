@@ -5,6 +5,7 @@ disc touches a box, and where. All of it is compared at every step of every epis
 resets, for drivers who meet walls and people.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import pytest
@@ -13,7 +14,7 @@ from episodes import Drivers, sample
 from models import Fleeing, Omnidirectional
 
 from navrl.ops import se2
-from navrl.sim import BatchedSimulator, Contact, Delays, DifferentialDrive, Lidar
+from navrl.sim import BatchedSimulator, Contact, Delays, DifferentialDrive, Lidar, Uniform
 from navrl.worlds import ScenarioBatch
 
 pytest.importorskip("pybullet")
@@ -23,6 +24,15 @@ KINDS = ("corridor", "intersection", "office", "clutter")
 MODELS = ("kinematic", "wheeled")
 RANGE_BOUND = 1e-3  # m
 POSE_BOUND = 1e-4  # m and rad
+VARIED = Delays(
+    scan_age_s=Uniform(0.0, 0.3),
+    speed_delay_s=0.04,
+    command_delay_s=Uniform(0.0, 0.3),
+    revolution_s=Uniform(0.0, 0.2),
+    scan_jitter_s=0.1,
+    command_jitter_s=Uniform(0.02, 0.3),
+)
+CLOCKWISE = Lidar(num_beams=181, noise="none", angle_min=2.9, angle_increment=-0.0312)
 EDGE = 1e-3  # m; PyBullet's faces reach 1e-4 of their length beyond their edges and stop such beams
 
 
@@ -66,6 +76,8 @@ def play_on_both(scenarios, robot=None, lidar=None, num_worlds=12, max_steps=40,
                 path[worlds], age[worlds] = batch.path, 0
                 drivers.change(worlds)
             compare_ranges(tally, fast, checked, playing)
+            motion, wanted = fast.scan_motion(), checked.scan_motion()
+            torch.testing.assert_close(motion, wanted, atol=POSE_BOUND, rtol=0)
             free = fast.state().contact == 0
             command = drivers.command(fast.state().pose, path)
             command = torch.nn.functional.pad(command, (0, robot.command_size - 2))
@@ -107,8 +119,12 @@ def clearance_of_corners(simulator, scenario, world, beam, distance):
     """Return how far a beam passes from the nearest corner of a box up to ``distance``, m."""
     state, lidar = simulator.state(), simulator.lidar
     pose, people = state.pose[world].double(), state.pedestrians[world].double()
-    if simulator.scan_memory.is_used:
-        pose, people = (simulator.scan_memory.oldest[name][world] for name in ("pose", "boxes"))
+    memory = simulator.scan_memory
+    if memory.is_used:
+        sweep = int(memory.sweep[world])
+        later = sweep - math.floor(0.5 + sweep * beam / (lidar.num_beams - 1))  # substeps
+        entry = (int(memory.newest[world]) - later) % memory.length
+        pose, people = (memory.rows[name][world, entry] for name in ("pose", "boxes"))
     walls = torch.tensor(scenario.boxes, dtype=torch.float64)
     boxes = torch.cat((walls, people))
     signs = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]).double()
@@ -160,11 +176,16 @@ def test_simulators_agree_with_another_robot_and_lidar():
     "options",
     [
         {"lidar": Lidar(num_beams=271, noise="none", angle_min=-2.4, angle_increment=0.0177)},
-        {"lidar": Lidar(num_beams=181, noise="none", angle_min=2.9, angle_increment=-0.0312)},
+        {"lidar": CLOCKWISE},
         {"robot": Omnidirectional()},
         {"pedestrians": Fleeing()},
         {"delays": Delays(scan_age_s=0.06, speed_delay_s=0.1, turn_rate_delay_s=0.24)},
         {"delays": Delays(scan_age_s=0.3), "pedestrians": Fleeing(speed=1.0)},
+        {"delays": Delays(scan_age_s=Uniform(0.0, 0.3), command_delay_s=Uniform(0.0, 0.3))},
+        {"delays": Delays(revolution_s=0.2), "lidar": Lidar(num_beams=271, noise="none")},
+        {"delays": VARIED, "robot": DifferentialDrive(model="wheeled")},
+        {"delays": VARIED, "robot": Omnidirectional(), "pedestrians": Fleeing()},
+        {"time_step_s": 0.4, "substeps": 20, "lidar": CLOCKWISE, "delays": VARIED},
     ],
     ids=[
         "270 degrees",
@@ -173,6 +194,11 @@ def test_simulators_agree_with_another_robot_and_lidar():
         "pedestrians",
         "delays",
         "delays and pedestrians",
+        "drawn delays",
+        "spinning lidar",
+        "varied",
+        "varied, base and pedestrians",
+        "varied, period and lidar",
     ],
 )
 def test_simulators_agree_with_other_models(options):

@@ -84,19 +84,23 @@ def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, c
 
 @scalar
 def cast_box(
-    out, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
-):
-    """Write the ranges to one box into ``out`` [beams]; ``faces`` [2, 6] is scratch."""
+    out, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
+    cx, cy, hx, hy, cos_box, sin_box,
+):  # fmt: skip
+    """Write the ranges to one box into the beams ``begin .. end - 1`` of ``out`` [beams].
+
+    ``faces`` [2, 6] is scratch.
+    """
     count = find_faces(
         faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box
     )
     if count < 0:
-        out[:] = 0.0
+        out[begin:end] = 0.0
     for index in range(count):
         face = faces[index]
         first, last, wrapped = int(face[3]), int(face[4]), int(face[5])
-        cast_interval(out, cos, sin, face, first, min(last + 1, out.shape[0]))
-        cast_interval(out, cos, sin, face, 0, min(wrapped + 1, out.shape[0]))
+        cast_interval(out, cos, sin, face, max(first, begin), min(last + 1, end))
+        cast_interval(out, cos, sin, face, begin, min(wrapped + 1, end))
 
 
 @scalar
@@ -124,6 +128,6 @@ def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, grid, max_rang
                 continue
             cos_box, sin_box = math.cos(turn), math.sin(turn)
             cast_box(
-                row, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
+                row, 0, row.shape[0], cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
                 cx, cy, hx, hy, cos_box, sin_box,
             )  # fmt: skip

@@ -14,9 +14,11 @@ walk       [N, K, 4]   speed, initial arc length, hx, hy; NaN speed where absent
 legs       [N, K, 5]   x, y at the start and end of the step, yaw; NaN rows follow their
                        route, as do all pedestrians if the shape is [N, 0, 5]
 boxes      [N, K, 5]   current boxes of the pedestrians; NaN rows where absent
-previous   [N, 2]      previous command, applied until the new one takes effect
+command    [N, T, 2]   command of each substep; T = 1: the same in all of them
 track      [N, S, 5]   x, y, yaw, direction and speed of travel after each substep, or unused
-seen_pose, seen_boxes  pose and boxes at the time of the next scan, if it is delayed
+past_pose  [N, L, 3]   ring of the poses after the last substeps; L = 0 if no scan is delayed
+past_boxes [N, L, K, 5] boxes of the pedestrians at the same times
+present    [N]         entry of the ring at the start of the step
 ========== =========== =============================================================
 """
 
@@ -26,6 +28,7 @@ import numpy as np
 
 from navrl.ops import contact as contacts
 from navrl.ops import unicycle
+from navrl.ops.beams import first_beam
 from navrl.ops.contact import HIT_BY_PEDESTRIAN, NONE, STATIC
 from navrl.ops.kernels.compiler import kernel, scalar
 from navrl.ops.kernels.pedestrians import (
@@ -40,16 +43,24 @@ advance_pose = scalar(unicycle.advance_pose)
 approach_velocity = scalar(unicycle.approach_velocity)
 nearest_point_on_box = scalar(contacts.nearest_point_on_box)
 classify_contact = scalar(contacts.classify_contact)
+first_beam = scalar(first_beam)
 
 _SLACK = 1e-6  # m; margin so that rounding never culls a box in contact
 
 
 @scalar
-def see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index):
-    """Save pose and boxes ``index`` substeps after the start of a step, for a delayed scan."""
-    seen_pose[0], seen_pose[1], seen_pose[2] = x, y, yaw
-    time_s = (first_tick + index) * timing[0]
-    place_pedestrians(seen_boxes, route, arc, walk, legs, time_s, index / timing[1])
+def remember(past_pose, past_boxes, present, first, last, pose, boxes):
+    """Store pose and boxes as the entries of the substeps ``first .. last`` of a step.
+
+    ``present`` is the entry at the start of the step.
+    """
+    for substep in range(first, last + 1):
+        entry = (present + substep) % past_pose.shape[0]
+        for index in range(3):
+            past_pose[entry, index] = pose[index]
+        for k in range(boxes.shape[0]):
+            for index in range(5):
+                past_boxes[entry, k, index] = boxes[k, index]
 
 
 @scalar
@@ -110,15 +121,15 @@ def max_displacement(track):
 
 
 @scalar
-def max_reach(pose, velocity, previous, command, track, drive, timing):
+def max_reach(pose, velocity, command, track, drive, timing):
     """Return an upper bound of the distance of the hull from the pose within a step, m."""
     radius, is_tracked, _, _, slowest, fastest, _ = drive
     if is_tracked:
         first = distance(track[0, 0] - pose[0], track[0, 1] - pose[1])
         return radius + first + max_displacement(track) + _SLACK
-    target_speed = max(
-        abs(limited(previous[0], slowest, fastest)), abs(limited(command[0], slowest, fastest))
-    )
+    target_speed = 0.0
+    for index in range(command.shape[0]):
+        target_speed = max(target_speed, abs(limited(command[index, 0], slowest, fastest)))
     return radius + timing[0] * timing[1] * max(abs(velocity[0]), target_speed) + _SLACK
 
 
@@ -128,12 +139,11 @@ def limited(value, low, high):
 
 
 @scalar
-def drive_substep(x, y, yaw, v, w, index, previous, command, drive, timing):
-    """Return pose and velocity of a differential drive after substep ``index`` of a step."""
+def drive_substep(x, y, yaw, v, w, command, drive, duration):
+    """Return pose and velocity of a differential drive after a substep with one command."""
     _, _, separation, acceleration, slowest, fastest, turn_limit = drive
-    duration, _, first_v, first_w, _ = timing
-    v_wanted = limited(command[0] if index >= first_v else previous[0], slowest, fastest)
-    w_wanted = limited(command[1] if index >= first_w else previous[1], -turn_limit, turn_limit)
+    v_wanted = limited(command[0], slowest, fastest)
+    w_wanted = limited(command[1], -turn_limit, turn_limit)
     if acceleration == np.inf:
         v, w = v_wanted, w_wanted
     else:
@@ -144,32 +154,30 @@ def drive_substep(x, y, yaw, v, w, index, previous, command, drive, timing):
 
 @scalar
 def step_world(
-    pose, velocity, tick, previous, command, track, drive, timing, walls, num_walls,
-    route, arc, walk, legs, boxes, near, seen_pose, seen_boxes,
+    pose, velocity, tick, command, track, drive, timing, walls, num_walls,
+    route, arc, walk, legs, boxes, near, past_pose, past_boxes, present,
 ):  # fmt: skip
     """Advance one world by a step or to its first contact; return (tick, contact).
 
     ``drive`` is (radius, whether ``track`` holds the motion, wheel separation, wheel acceleration,
-    min v, max v, max w); ``timing`` is (substep duration, number of substeps, first substep of the
-    new v, first substep of the new w, substep before which the lidar scans).
+    min v, max v, max w); ``timing`` is (substep duration, number of substeps). ``present`` is the
+    entry of the ring at the start of the step.
     """
-    (radius, is_tracked, _, _, _, _, _), (duration, substeps, _, _, scanned) = drive, timing
+    (radius, is_tracked, _, _, _, _, _), (duration, substeps) = drive, timing
+    is_remembered = past_pose.shape[0] > 0
     x, y, yaw = pose
     v, w = velocity[0], velocity[1]
-    reach = max_reach(pose, velocity, previous, command, track, drive, timing)
+    reach = max_reach(pose, velocity, command, track, drive, timing)
     num_near = list_near_walls(x, y, reach, walls, num_walls, near)
     nearby = near[num_near:]
     num_nearby = list_near_pedestrians(x, y, reach, boxes, walk, legs, duration * substeps, nearby)
-    result, first_tick, driven = NONE, tick, substeps
+    result, driven = NONE, substeps
     for index in range(substeps):
-        if index == scanned:
-            see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, index)
         if is_tracked:
             x, y, yaw, heading, speed = track[index]
         else:
-            x, y, yaw, v, w = drive_substep(
-                x, y, yaw, v, w, index, previous, command, drive, timing
-            )
+            now = command[min(index, command.shape[0] - 1)]
+            x, y, yaw, v, w = drive_substep(x, y, yaw, v, w, now, drive, duration)
             heading, speed = yaw, v
         tick += 1
         for number in range(num_nearby):
@@ -187,13 +195,17 @@ def step_world(
             result = STATIC
         else:
             result = touched_pedestrian(x, y, heading, speed, radius, boxes, nearby, num_nearby)
+        if is_remembered:
+            share = (index + 1) / substeps
+            place_pedestrians(boxes, route, arc, walk, legs, tick * duration, share)
+            remember(past_pose, past_boxes, present, index + 1, index + 1, (x, y, yaw), boxes)
         if result != NONE:
             driven = index + 1
             break
-    if driven <= scanned < substeps:  # the contact ended the step before the scan
-        see(seen_pose, seen_boxes, x, y, yaw, route, arc, walk, legs, timing, first_tick, driven)
     place_pedestrians(boxes, route, arc, walk, legs, tick * duration, driven / substeps)
     pose[0], pose[1], pose[2] = x, y, yaw
+    if is_remembered:  # a world is stationary after a contact
+        remember(past_pose, past_boxes, present, driven + 1, substeps, pose, boxes)
     if not is_tracked:
         velocity[0], velocity[1] = v, w
     return tick, result
@@ -201,16 +213,16 @@ def step_world(
 
 @kernel
 def step_worlds_kernel(
-    rows, pose, velocity, tick, contact, previous, command, track, drive, timing, walls, num_walls,
-    route, route_arc, walk, legs, boxes, near, seen_pose, seen_boxes,
+    rows, pose, velocity, tick, contact, command, track, drive, timing, walls, num_walls,
+    route, route_arc, walk, legs, boxes, near, past_pose, past_boxes, present,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     for n in range(rows[0], rows[1]):
         if contact[n] == NONE:
             tick[n], contact[n] = step_world(
-                pose[n], velocity[n], tick[n], previous[n], command[n], track[n], drive, timing,
+                pose[n], velocity[n], tick[n], command[n], track[n], drive, timing,
                 walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
-                seen_pose[n], seen_boxes[n],
+                past_pose[n], past_boxes[n], present[n],
             )  # fmt: skip
 
 
@@ -235,24 +247,34 @@ def place_scanner(pose, mount):
 
 @kernel
 def scan_worlds_kernel(
-    rows, out, worlds, pose, mount, walls, num_walls, boxes, cos, sin, grid, max_range
-):
-    """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
+    rows, out, worlds, pose, mount, walls, num_walls, boxes, newest, sweep,
+    cos, sin, grid, max_range,
+):  # fmt: skip
+    """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots.
+
+    ``pose`` [N, L, 3] and ``boxes`` [N, L, K, 5] are rings of L substeps. The last beam sees entry
+    ``newest`` [N], the first beam the entry ``sweep`` [N] substeps before it.
+    """
     for index in range(rows[0], rows[1]):
         n, row, faces = worlds[index], out[index], np.empty((2, 6))
+        num_parts, length = sweep[n] + 1, pose.shape[1]
         row[:] = max_range
-        x, y, cos_yaw, sin_yaw = place_scanner(pose[n], mount)
-        for wall in range(num_walls[n]):
-            cx, cy, hx, hy, cos_box, sin_box = walls[n, wall]
-            cast_box(
-                row, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
-                cx, cy, hx, hy, cos_box, sin_box,
-            )  # fmt: skip
-        for pedestrian in range(boxes.shape[1]):
-            cx, cy, hx, hy, turn = boxes[n, pedestrian]
-            if not math.isnan(turn):
-                cos_box, sin_box = math.cos(turn), math.sin(turn)
+        for part in range(num_parts):
+            begin = first_beam(part, num_parts, row.shape[0])
+            end = first_beam(part + 1, num_parts, row.shape[0])
+            entry = (newest[n] - sweep[n] + part + length) % length
+            x, y, cos_yaw, sin_yaw = place_scanner(pose[n, entry], mount)
+            for wall in range(num_walls[n]):
+                cx, cy, hx, hy, cos_box, sin_box = walls[n, wall]
                 cast_box(
-                    row, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
+                    row, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
                     cx, cy, hx, hy, cos_box, sin_box,
                 )  # fmt: skip
+            for pedestrian in range(boxes.shape[2]):
+                cx, cy, hx, hy, turn = boxes[n, entry, pedestrian]
+                if not math.isnan(turn):
+                    cos_box, sin_box = math.cos(turn), math.sin(turn)
+                    cast_box(
+                        row, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
+                        cx, cy, hx, hy, cos_box, sin_box,
+                    )  # fmt: skip

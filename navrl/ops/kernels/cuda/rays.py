@@ -22,12 +22,12 @@ def fill(row, value):
 
 
 @cuda.jit(device=True)
-def cast_faces(row, cos, sin, faces, counts, num_boxes):
-    """Cast the beams of this thread against the faces found by all threads.
+def cast_faces(row, begin, end, cos, sin, faces, counts, num_boxes):
+    """Cast the beams ``begin .. end - 1`` of this thread against the faces found by all threads.
 
     ``faces`` [boxes, 2, 6] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
     """
-    for beam in range(cuda.threadIdx.x, row.shape[0], cuda.blockDim.x):
+    for beam in range(begin + cuda.threadIdx.x, end, cuda.blockDim.x):
         for box in range(num_boxes):
             if counts[box] < 0:
                 row[beam] = 0.0
@@ -56,5 +56,6 @@ def cast_rays_kernel(out, pose, boxes, num_boxes, cos, sin, grid, max_range):
                     cx, cy, hx, hy, math.cos(turn), math.sin(turn),
                 )  # fmt: skip
         cuda.syncthreads()
-        cast_faces(out[n], cos, sin, faces, counts, min(width, num_boxes[n] - first))
+        num_found = min(width, num_boxes[n] - first)
+        cast_faces(out[n], 0, out.shape[1], cos, sin, faces, counts, num_found)
         cuda.syncthreads()
