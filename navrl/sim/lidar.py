@@ -11,6 +11,8 @@ from navrl.ops import se2
 from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.raycast import Beams, beam_angles
 from navrl.ops.scan_layout import ScanLayout
+from navrl.sim.coverage import FULL_CIRCLE, Coverage
+from navrl.sim.draws import Value
 
 
 class Lidar:
@@ -30,6 +32,10 @@ class Lidar:
         angle_min: Angle of beam 0, rad.
         angle_increment: Angle between successive beams, rad, negative if counted clockwise;
             None spreads the beams evenly over a full circle, counter-clockwise.
+        field_of_view: Width of the field of view around the mount's x axis, rad, fixed or drawn
+            per episode. Beams outside are blind: they read ``max_range``, like no return.
+        blind_sectors: (bearing, width) of each blind sector within the field of view, rad, each
+            number fixed or drawn per episode: posts and plates of the robot in front of the lidar.
 
     Raises:
         ValueError: If a value is out of range.
@@ -49,6 +55,8 @@ class Lidar:
         height: float = 0.5,
         angle_min: float = 0.0,
         angle_increment: float | None = None,
+        field_of_view: Value = FULL_CIRCLE,
+        blind_sectors: Sequence[Sequence[Value]] = (),
     ) -> None:
         if num_beams < 1:
             raise ValueError(f"num_beams={num_beams}: must be at least 1")
@@ -66,6 +74,7 @@ class Lidar:
         self.noise_amplitude = float(noise_amplitude)
         self.height = float(height)
         self._table = noise_table(noise, noise_amplitude)
+        self.coverage = Coverage(self.beam_angles(), field_of_view, blind_sectors)
 
     def beam_angles(self) -> Tensor:
         """Return [num_beams] float64 rad, each beam's angle in the mount's frame."""
@@ -111,9 +120,9 @@ class Lidar:
         return torch.where(ranges < self.max_range, distance, self.max_range).amin(dim=-1)
 
     def add_noise(self, ranges: Tensor, seed: Tensor, step: Tensor) -> Tensor:
-        """Return ``ranges`` with noise added to returns.
+        """Return the ranges as the lidar reports them: blind beams, then noise on returns.
 
-        See :func:`navrl.ops.noise.add_range_noise`.
+        See :class:`navrl.sim.coverage.Coverage` and :func:`navrl.ops.noise.add_range_noise`.
 
         Args:
             ranges: [N, num_beams] float32 m, noise-free; not modified.
@@ -123,6 +132,8 @@ class Lidar:
         Returns:
             [N, num_beams] float32 m, a new tensor.
         """
+        if not self.coverage.is_full:
+            ranges = torch.where(self.coverage.measured(seed), ranges, self.max_range)
         if self.noise == "none" or self.noise_amplitude == 0.0:
             return ranges.clone()
         if self._table.device != ranges.device:
