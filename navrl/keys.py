@@ -9,6 +9,7 @@ from navrl.deprecation import renamed_attributes
 
 # --- raw outputs of the environment --------------------------------------------------------------
 RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams in the lidar's frame; maximum = no return
+MEASURED = "measured"  # [*B, beams] bool, not blind; only for a lidar with blind beams
 POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
 VELOCITY = "velocity"  # [*B, C] velocity of the robot now, e.g. (v, w), m/s and rad/s
 COMMAND = "command"  # [*B, C] last command, e.g. (v, w), m/s and rad/s; zero after a reset

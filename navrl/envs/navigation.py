@@ -47,6 +47,8 @@ class NavigationEnv(EnvBase):
     contact   ``[N, 1]``          :class:`navrl.sim.Contact` of the last step
     ========  ==================  ======================================================
 
+    With a lidar that has blind beams also ``measured [N, beams]`` bool, false for these.
+
     With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
     [N, 1]``, the true state, for metrics and privileged controllers.
 
@@ -163,6 +165,9 @@ class NavigationEnv(EnvBase):
                 {name: Unbounded(single, device=device) for name in self.rewards}, shape=rows
             ),
         }
+        if not lidar.coverage.is_full:
+            beams = lidar.num_beams
+            observation[keys.MEASURED] = Binary(beams, (n, beams), dtype=torch.bool, device=device)
         if self.privileged:
             k = self.simulator.max_pedestrians
             observation[keys.PEDESTRIAN_BOXES] = Unbounded(torch.Size((n, k, 5)), device=device)
@@ -311,6 +316,9 @@ class NavigationEnv(EnvBase):
             keys.CONTACT: state.contact.unsqueeze(-1),
             keys.REWARD_TERMS: TensorDict(dict(terms), self.batch_size, device=self.device),
         }
+        coverage = self.simulator.lidar.coverage
+        if not coverage.is_full:
+            observation[keys.MEASURED] = coverage.measured(self._noise_seed).contiguous()
         if self.privileged:
             distance = point_box_distance(state.pose[:, :2], state.pedestrians)
             clearance = distance.amin(dim=-1, keepdim=True) - self.simulator.robot.radius

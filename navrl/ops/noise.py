@@ -60,6 +60,7 @@ def add_range_noise(
     table: Tensor,
     max_range: float,
     backend: Backend = "auto",
+    scale: Tensor | None = None,
 ) -> Tensor:
     """Add noise to ranges; beams without a return retain exactly ``max_range``.
 
@@ -72,6 +73,8 @@ def add_range_noise(
         table: [4096] float32 m, from :func:`noise_table`, on the device of ``ranges``.
         max_range: Range of the sensor, m; a range at or above it is not a return.
         backend: See :mod:`navrl.ops.backend`; all backends agree bit for bit.
+        scale: [N, beams] float32, factor of each beam's noise, computed without a kernel; None
+            for 1.
 
     Returns:
         [N, beams] float32 m, a new tensor.
@@ -99,11 +102,12 @@ def add_range_noise(
         raise ValueError(
             f"table: must be [{TABLE_SIZE}] float32, got {list(table.shape)} {table.dtype}"
         )
-    if is_compiled(backend, ranges, seed, step, table):
+    if scale is None and is_compiled(backend, ranges, seed, step, table):
         from navrl.ops.kernels.noise import add_noise
 
         return add_noise(ranges, seed, step, table, max_range)
-    noisy = ranges + table[_table_rows(seed, step, ranges.shape[1])]
+    noise = table[_table_rows(seed, step, ranges.shape[1])]
+    noisy = ranges + (noise if scale is None else noise * scale)
     noisy = noisy.clamp(0.0, torch.tensor(max_range - HIT_MARGIN, dtype=torch.float32).item())
     return torch.where(ranges < max_range, noisy, ranges)
 
@@ -134,6 +138,30 @@ def uniform(seed: Tensor, stream: Tensor | int, step: Tensor | int = 0) -> Tenso
     """
     word = mix(mix(mix(seed + _GOLDEN) + stream) + step)
     return _shift_right(word, 11).double() / (1 << 53)
+
+
+def beam_uniform(seed: Tensor, stream: int, step: Tensor, num_beams: int) -> Tensor:
+    """Return uniform random numbers that depend only on (seed, stream, step, beam).
+
+    Args:
+        seed: [N] int64, episode seeds.
+        stream: Number of the random variable; streams are independent of each other.
+        step: [N] int64, counter within the episode.
+        num_beams: Number of beams; one hash provides the numbers of four.
+
+    Returns:
+        [N, num_beams] float32 in [0, 1), multiples of 2^-16, equal on all devices.
+
+    Example:
+        >>> share = beam_uniform(torch.tensor([7]), 1, torch.tensor([0]), 1440)
+        >>> share.shape, bool((share.mean() - 0.5).abs() < 0.02)
+        (torch.Size([1, 1440]), True)
+    """
+    key = mix(mix(mix(seed + _GOLDEN) + stream) + step)
+    group = torch.arange((num_beams + 3) // 4, device=seed.device)
+    word = mix(key[:, None] + _GOLDEN * (group + 1))
+    parts = torch.stack([(word >> (16 * part)) & 0xFFFF for part in range(4)], dim=-1)
+    return parts.flatten(-2)[:, :num_beams].float() / (1 << 16)
 
 
 def mix(word: Tensor) -> Tensor:
