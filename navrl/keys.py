@@ -14,8 +14,14 @@ POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
 VELOCITY = "velocity"  # [*B, C] velocity of the robot now, e.g. (v, w), m/s and rad/s
 COMMAND = "command"  # [*B, C] last command, e.g. (v, w), m/s and rad/s; zero after a reset
 PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
+SCAN_MOTION = "scan_motion"  # [*B, 2, 3] (x, y, yaw), robot at first and last beam, robot frame now
+COMMAND = "command"  # [*B, C] last command, m/s and rad/s
 
 # --- outputs of the transforms -------------------------------------------------------------------
+# The scan before MotionCompensation, in the robot's frame at the time of each beam.
+RANGES_MEASURED = "ranges_measured"  # [*B, N] m
+POINTS_MEASURED = "points_measured"  # [*B, N, 2] m
+RETURNS_MEASURED = "returns_measured"  # [*B, N] bool
 RANGES_POOLED = "ranges_pooled"  # [*B, N] m, from the robot's center, bin 0 straight ahead
 POINTS = "points"  # [*B, N, 2] m, scan t, robot frame at t
 RETURNS = "returns"  # [*B, N] bool, the point is a return

@@ -8,6 +8,7 @@ from navrl.transforms.action_shield import ActionShield
 from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
+from navrl.transforms.motion_compensation import MotionCompensation
 from navrl.transforms.normalize import Normalize
 from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
@@ -23,6 +24,7 @@ __all__ = [
     "GoalPosition",
     "ICPAlign",
     "MinPool",
+    "MotionCompensation",
     "Normalize",
     "ObservationMap",
     "RangeHistory",

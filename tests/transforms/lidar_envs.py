@@ -25,6 +25,7 @@ class RoomEnv(EnvBase):
             ranges=Bounded(0.0, 3.5, (n, num_beams)),
             pose=Unbounded((n, 3)),
             path=Unbounded((n, 30, 2)),
+            scan_motion=Unbounded((n, 2, 3)),
             shape=(n,),
         )
         self.action_spec = Bounded(-1.0, 1.0, (n, 2))
@@ -63,6 +64,8 @@ class RoomEnv(EnvBase):
                 "ranges": ranges,
                 "pose": self.pose.clone(),
                 "path": path.expand(*self.batch_size, -1, -1).clone(),
+                # any numbers that differ by row and step; the scan itself has no age
+                "scan_motion": torch.stack([0.2 * self.pose, 0.1 * self.pose], dim=-2),
                 "done": done,
                 "terminated": done.clone(),
             },
@@ -81,6 +84,7 @@ class StrangersEnv(gymnasium.Env):
                 "laser": box(0.0, np.inf, (num_beams,), np.float64),
                 "odometry": box(-np.inf, np.inf, (3,), np.float64),
                 "route": box(-np.inf, np.inf, (12, 2), np.float64),
+                "sweep": box(-np.inf, np.inf, (2, 3), np.float64),
             }
         )
         self.action_space = box(-1.0, 1.0, (2,), np.float32)
@@ -102,7 +106,8 @@ class StrangersEnv(gymnasium.Env):
         ranges = room_ranges(self.pose, self.num_beams, np)
         ranges[ranges > 2.5] = np.inf  # this driver's way to say: no return
         route = np.stack([np.linspace(-1, 1, 12), np.zeros(12)], axis=-1)
-        return {"laser": ranges, "odometry": self.pose.copy(), "route": route}
+        sweep = np.stack([0.2 * self.pose, 0.1 * self.pose])
+        return {"laser": ranges, "odometry": self.pose.copy(), "route": route, "sweep": sweep}
 
 
 def room_ranges(pose, num_beams: int, xp):
