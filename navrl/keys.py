@@ -15,7 +15,6 @@ VELOCITY = "velocity"  # [*B, C] velocity of the robot now, e.g. (v, w), m/s and
 COMMAND = "command"  # [*B, C] last command, e.g. (v, w), m/s and rad/s; zero after a reset
 PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
 SCAN_MOTION = "scan_motion"  # [*B, 2, 3] (x, y, yaw), robot at first and last beam, robot frame now
-COMMAND = "command"  # [*B, C] last command, m/s and rad/s
 
 # --- outputs of the transforms -------------------------------------------------------------------
 # The scan before MotionCompensation, in the robot's frame at the time of each beam.

@@ -41,6 +41,8 @@ class NavigationEnv(EnvBase):
     ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams in the lidar's frame
     pose      ``[N, 3]``          (x, y, yaw), world frame
     velocity  ``[N, C]``          velocity of the robot, e.g. (v, w), m/s and rad/s
+    scan_motion ``[N, 2, 3]``     (x, y, yaw) of the robot at the first and at the last beam, in its
+                                  present frame; zeros for a scan without age
     command   ``[N, C]``          command of the last step, zero after a reset
     path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
     outcome   ``[N, 1]``          :class:`Outcome` of the last step
@@ -157,6 +159,7 @@ class NavigationEnv(EnvBase):
             ),
             keys.POSE: Unbounded(torch.Size((n, 3)), device=device),
             keys.VELOCITY: Unbounded(torch.Size((n, robot.command_size)), device=device),
+            keys.SCAN_MOTION: Unbounded(torch.Size((n, 2, 3)), device=device),
             keys.COMMAND: Unbounded(torch.Size((n, robot.command_size)), device=device),
             keys.PATH: Unbounded(torch.Size((n, MAX_PATH_POINTS, 2)), device=device),
             keys.OUTCOME: Categorical(len(Outcome), shape=single, **codes),
@@ -311,6 +314,7 @@ class NavigationEnv(EnvBase):
             keys.POSE: state.pose,
             keys.VELOCITY: state.velocity,
             keys.COMMAND: self._command,
+            keys.SCAN_MOTION: self.simulator.scan_motion().float(),
             keys.PATH: self._path,
             keys.OUTCOME: outcome.unsqueeze(-1),
             keys.CONTACT: state.contact.unsqueeze(-1),
