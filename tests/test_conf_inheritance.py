@@ -14,6 +14,19 @@ from navrl.config import CONF_DIR, compose, describe, nearest_names, options
 INHERITED = ("base", "family")  # folders of files that are inherited, not chosen
 MAX_EQUAL = 3  # equal values of two files of a group
 ENVIRONMENT = {"goal_radius": 0.2, "time_limit_steps": 150}
+KOBUKI_SMOOTHER = {
+    "linear_acceleration": 0.3,
+    "linear_deceleration": 0.3,
+    "angular_deceleration": 3.5,
+}
+TURTLEBOT3 = {
+    "radius": 0.105,
+    "wheel_separation": 0.16,
+    "max_speed": 0.22,
+    "max_turn_rate": 1.0,
+    "linear_acceleration": 2.5,
+    "angular_acceleration": 3.2,
+}
 PAGE = Path(__file__).parents[1] / "docs" / "configuration.md"
 
 
@@ -29,6 +42,9 @@ def option(group, name):
         ("controller", "dwa_predictive", "dwa", {"predict_motion": True}),
         ("robot", "kobuki_wheeled", "kobuki", {"model": "wheeled", "wheel_acceleration": 2.0}),
         ("robot", "kobuki_real", "kobuki_wheeled", {"max_speed": 0.7, "wheel_acceleration": 1.0}),
+        ("robot", "wheels_1", "kobuki_wheeled", {"wheel_acceleration": 1.0}),
+        ("robot", "kobuki_smoother", "kobuki_driver", KOBUKI_SMOOTHER),
+        ("robot", "turtlebot3", "limited", TURTLEBOT3),
         ("lidar", "rplidar_a3_1536", "rplidar_a3", {"num_beams": 1536}),
     ],
 )

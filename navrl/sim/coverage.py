@@ -22,7 +22,8 @@ class Coverage:
     Args:
         angles: [beams] float64 rad, direction of each beam.
         field_of_view: Width of the field of view, centered on the mount's x axis, rad; beams
-            outside are blind.
+            outside are blind. A distribution may exceed the full circle, which then is drawn more
+            often.
         blind_sectors: (bearing, width) of each sector that is blind within the field of view, rad.
 
     Raises:
@@ -41,8 +42,12 @@ class Coverage:
         blind_sectors: Sequence[Sequence[Value]] = (),
     ) -> None:
         low, high = limits(field_of_view)
-        if not 0.0 < low <= high <= FULL_CIRCLE + _ROUNDING:
-            raise ValueError(f"field_of_view={field_of_view}: must be in (0, 2 pi] rad")
+        widest = FULL_CIRCLE + _ROUNDING if low == high else 2.0 * FULL_CIRCLE
+        if not 0.0 < low <= high <= widest:
+            raise ValueError(
+                f"field_of_view={field_of_view}: must be in (0, 2 pi] rad, a distribution in "
+                "(0, 4 pi]"
+            )
         for index, sector in enumerate(blind_sectors):
             _check_sector(f"blind_sectors[{index}]", sector)
         self.field_of_view = field_of_view

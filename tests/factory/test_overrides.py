@@ -8,6 +8,7 @@ from navrl.config import compose
 from navrl.factory import make_evaluated_policy
 from navrl.factory.overrides import check_drawing, check_measured, check_policy
 from navrl.jobs import record, run_evaluation
+from navrl.sim import LimitedDrive
 from navrl.worlds import Suite
 
 TINY = ["suite=smoke", "suite.num_episodes=2", "num_worlds=2", "num_threads=1"]
@@ -121,3 +122,10 @@ def test_changes_are_named_in_the_summary(tmp_path):
     run_evaluation(config("policy=stand_still", "+change.lidar.num_beams=720"), tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["change"] == {"lidar.num_beams": 720} and summary["errors"] == 0
+
+
+@pytest.mark.parametrize("policy", ["paper", "dwa"])
+def test_change_to_another_class_replaces_the_part(policy):
+    env = make_evaluated_policy(config(f"policy={policy}", "+robot@change.robot=turtlebot3")).env
+    robot = env.base_env.simulator.robot
+    assert isinstance(robot, LimitedDrive) and robot.max_speed == 0.22

@@ -11,10 +11,20 @@ from dataclasses import dataclass, field
 import pytest
 import torch
 from episodes import Drivers, sample
+from hydra.utils import instantiate
 from models import Fleeing, Omnidirectional
 
+from navrl.config import compose
 from navrl.ops import se2
-from navrl.sim import BatchedSimulator, Contact, Delays, DifferentialDrive, Lidar, Uniform
+from navrl.sim import (
+    BatchedSimulator,
+    Contact,
+    Delays,
+    DifferentialDrive,
+    Lidar,
+    LimitedDrive,
+    Uniform,
+)
 from navrl.worlds import ScenarioBatch
 
 pytest.importorskip("pybullet")
@@ -34,6 +44,23 @@ VARIED = Delays(
 )
 CLOCKWISE = Lidar(num_beams=181, noise="none", angle_min=2.9, angle_increment=-0.0312)
 EDGE = 1e-3  # m; PyBullet's faces reach 1e-4 of their length beyond their edges and stop such beams
+LIMITED = LimitedDrive(
+    min_speed=-0.3,
+    linear_acceleration=0.8,
+    linear_deceleration=1.2,
+    angular_acceleration=6.0,
+    angular_deceleration=9.0,
+    wheel_acceleration=1.0,
+    linear_lag_s=0.1,
+    angular_lag_s=0.06,
+    linear_scale=1.1,
+    angular_scale=0.9,
+    linear_bias=0.02,
+    angular_bias=-0.05,
+    speed_cap=0.8,
+    turn_rate_cap=2.5,
+)
+VARIED_ROBOT = instantiate(compose(None, ["+robot@node=varied"]).node)
 
 
 @dataclass
@@ -178,6 +205,8 @@ def test_simulators_agree_with_another_robot_and_lidar():
         {"lidar": Lidar(num_beams=271, noise="none", angle_min=-2.4, angle_increment=0.0177)},
         {"lidar": CLOCKWISE},
         {"robot": Omnidirectional()},
+        {"robot": LIMITED},
+        {"robot": VARIED_ROBOT, "delays": Delays(speed_delay_s=0.1)},
         {"pedestrians": Fleeing()},
         {"delays": Delays(scan_age_s=0.06, speed_delay_s=0.1, turn_rate_delay_s=0.24)},
         {"delays": Delays(scan_age_s=0.3), "pedestrians": Fleeing(speed=1.0)},
@@ -191,6 +220,8 @@ def test_simulators_agree_with_another_robot_and_lidar():
         "270 degrees",
         "clockwise from behind",
         "base",
+        "limited base",
+        "varied bases",
         "pedestrians",
         "delays",
         "delays and pedestrians",
