@@ -85,7 +85,7 @@ class BatchedSimulator(Simulator):
             device,
         )
         check_positive(max_walls=max_walls)
-        self._timing = (self.substep_s, self.substeps)
+        self._timing = (self.substep_s, self.substeps, self.scan_memory.max_jitter)
         self._drive = _drive_parameters(robot)
         self._mount = torch.tensor(lidar.mount, dtype=torch.float64, device=self.device)
         self._every_world = torch.arange(self.num_worlds, device=self.device)
@@ -218,9 +218,7 @@ class BatchedSimulator(Simulator):
             self._legs,
             rows["boxes"],
             self._near,
-            past["pose"],
-            past["boxes"],
-            past["present"],
+            *(past[name] for name in ("pose", "boxes", "present", "delay", "sweep")),
         )
         if moved is not None:
             self.scan_memory.advance(moved)

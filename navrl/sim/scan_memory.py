@@ -28,7 +28,8 @@ class ScanMemory:
             of L entries; ``age`` [N] int64, substeps since the last beam of the current scan;
             ``delay`` [N] int64, the same without jitter; ``sweep`` [N] int64, substeps from the
             first to the last beam; ``seed`` and ``step`` [N] int64 of the episodes; ``present`` [N]
-            int64, index of the entry of the current state. A frozen world retains its scan.
+            int64, index of the entry of the current state. Entries that no scan sees may be
+            missing. A frozen world retains its scan.
     """
 
     def __init__(
@@ -47,7 +48,8 @@ class ScanMemory:
             delays.max_substeps(name, substep_s)
             for name in ("scan_age_s", "scan_jitter_s", "revolution_s")
         )
-        self._jitters = jitter > 0
+        self.max_jitter = jitter
+        """Largest jitter of a scan's age, substeps."""
         oldest = age + jitter + round(revolution * coverage)
         self.length = oldest + 1 if oldest else 0
         """Number L of entries of the ring; 0 if no scan can be older than the state."""
@@ -110,14 +112,14 @@ class ScanMemory:
         rows = self.rows
         rows["present"] = (rows["present"] + self._substeps * moved) % self.length
         rows["step"] = rows["step"] + moved
-        if self._jitters:  # a scan is never older than the one before it
+        if self.max_jitter:  # a scan is never older than the one before it
             age = torch.minimum(self._drawn_ages(), rows["age"] + self._substeps)
             rows["age"] = torch.where(moved, age, rows["age"])
 
     def _drawn_ages(self) -> Tensor:
         """Return the ages [N] int64 of scans at the current steps."""
         rows = self.rows
-        if not self._jitters:
+        if not self.max_jitter:
             return rows["delay"]
         draws = (self._substep_s, rows["seed"], rows["step"])
         return rows["delay"] + self._delays.jitter_substeps("scan_jitter_s", *draws)
@@ -129,15 +131,13 @@ class ScanMemory:
         pose, boxes = (self.rows[name][world, indices].tolist() for name in ("pose", "boxes"))
         return list(zip(pose, boxes, strict=True))
 
-    def motion(self) -> Tensor:
-        """Return the frames [N, 2, 3] of :meth:`navrl.sim.Simulator.scan_motion`."""
-        pose = self.rows["pose"]
+    def motion(self, pose: Tensor) -> Tensor:
+        """Return the frames of :meth:`navrl.sim.Simulator.scan_motion` for poses [N, 3] float64."""
         if not self.is_used:
             return pose.new_zeros(pose.shape[0], 2, 3)
-        present, newest = self.rows["present"], self.newest
-        entries = torch.stack((newest - self.sweep, newest, present), dim=-1) % self.length
-        poses = pose.gather(1, entries[..., None].expand(-1, -1, 3))
-        then, now = poses[:, :2], poses[:, 2:]
+        entries = torch.stack((self.newest - self.sweep, self.newest), dim=-1) % self.length
+        then = self.rows["pose"].gather(1, entries[..., None].expand(-1, -1, 3))
+        now = pose[:, None]
         offset = se2.rotate(then[..., :2] - now[..., :2], -now[..., 2])
         turn = se2.wrap_angle(then[..., 2:] - now[..., 2:])
         return torch.cat((offset, turn), dim=-1)  # zeros for equal poses, bit for bit

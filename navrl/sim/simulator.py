@@ -55,6 +55,8 @@ class Simulator(ABC):
             or a requirement of ``device`` is missing.
     """
 
+    _rows: dict[str, Tensor]  # state of the worlds; "pose" is [N, 3] float64
+
     def __init__(
         self,
         num_worlds: int,
@@ -159,7 +161,7 @@ class Simulator(ABC):
             [N, 2, 3] float64 (x, y, yaw), m and rad, the robot's frame at the times of the first
             and of the last beam, in its present frame; zeros for a scan without age.
         """
-        return self.scan_memory.motion()
+        return self.scan_memory.motion(self._rows["pose"])
 
     def pending_commands(self) -> tuple[Tensor, Tensor]:
         """Return the commands of the last D steps; D is 0 without delays of commands.

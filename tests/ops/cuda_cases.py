@@ -21,7 +21,7 @@ from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.path import point_at, project_onto_path
 from navrl.ops.pooling import min_pool
 from navrl.ops.raycast import cast_rays
-from navrl.sim import BatchedSimulator, Delays, DifferentialDrive, Lidar
+from navrl.sim import BatchedSimulator, Delays, DifferentialDrive, Lidar, Uniform
 
 
 def draw(*shape, low=0.0, high=1.0, seed=0):
@@ -57,6 +57,7 @@ def worlds(
         state = sim.step(command.to(device))
     results |= {name: value.nan_to_num(-9.0) for name, value in vars(state).items()}
     results |= {"ranges": sim.ranges(), "two_ranges": sim.ranges(torch.tensor([count, 0]))}
+    results["scan_motion"] = sim.scan_motion()
     assert state.contact[0] != 0 or options
     return {name: value.cpu() for name, value in results.items()}
 
@@ -70,6 +71,18 @@ def other_models(device):
     delays = Delays(scan_age_s=0.26, speed_delay_s=0.1, turn_rate_delay_s=0.24)
     options = {"robot": Omnidirectional(), "pedestrians": Fleeing(), "delays": delays}
     return worlds(device, count=1, steps=4, num_beams=9, **options)
+
+
+def varied_worlds(device):
+    """Delays that differ between worlds and steps, and a spinning lidar."""
+    delays = Delays(
+        scan_age_s=Uniform(0.0, 0.3),
+        command_delay_s=Uniform(0.0, 0.3),
+        revolution_s=Uniform(0.0, 0.2),
+        scan_jitter_s=0.1,
+        command_jitter_s=0.1,
+    )
+    return worlds(device, count=2, steps=4, num_beams=23, delays=delays)
 
 
 def rays(device):
@@ -187,6 +200,7 @@ CASES = {
         worlds,
         wheeled_worlds,
         other_models,
+        varied_worlds,
         rays,
         partial_rays,
         noise,

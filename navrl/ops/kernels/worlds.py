@@ -19,6 +19,8 @@ track      [N, S, 5]   x, y, yaw, direction and speed of travel after each subst
 past_pose  [N, L, 3]   ring of the poses after the last substeps; L = 0 if no scan is delayed
 past_boxes [N, L, K, 5] boxes of the pedestrians at the same times
 present    [N]         entry of the ring at the start of the step
+scan_age   [N]         substeps from the last beam of a scan to the end of a step, without jitter
+sweep      [N]         substeps from the first to the last beam of a scan
 ========== =========== =============================================================
 """
 
@@ -46,6 +48,13 @@ classify_contact = scalar(contacts.classify_contact)
 first_beam = scalar(first_beam)
 
 _SLACK = 1e-6  # m; margin so that rounding never culls a box in contact
+
+
+@scalar
+def is_seen(substep, timing, scan_age, sweep):
+    """Return whether a scan at the end of this or a later step may see a substep 1 .. S."""
+    before_last_beam = -(substep + scan_age) % timing[1]
+    return before_last_beam <= sweep + timing[2]
 
 
 @scalar
@@ -155,15 +164,15 @@ def drive_substep(x, y, yaw, v, w, command, drive, duration):
 @scalar
 def step_world(
     pose, velocity, tick, command, track, drive, timing, walls, num_walls,
-    route, arc, walk, legs, boxes, near, past_pose, past_boxes, present,
+    route, arc, walk, legs, boxes, near, past_pose, past_boxes, present, scan_age, sweep,
 ):  # fmt: skip
     """Advance one world by a step or to its first contact; return (tick, contact).
 
     ``drive`` is (radius, whether ``track`` holds the motion, wheel separation, wheel acceleration,
-    min v, max v, max w); ``timing`` is (substep duration, number of substeps). ``present`` is the
-    entry of the ring at the start of the step.
+    min v, max v, max w); ``timing`` is (substep duration, number of substeps, largest jitter of a
+    scan's age in substeps).
     """
-    (radius, is_tracked, _, _, _, _, _), (duration, substeps) = drive, timing
+    (radius, is_tracked, _, _, _, _, _), (duration, substeps, _) = drive, timing
     is_remembered = past_pose.shape[0] > 0
     x, y, yaw = pose
     v, w = velocity[0], velocity[1]
@@ -195,7 +204,7 @@ def step_world(
             result = STATIC
         else:
             result = touched_pedestrian(x, y, heading, speed, radius, boxes, nearby, num_nearby)
-        if is_remembered:
+        if is_remembered and is_seen(index + 1, timing, scan_age, sweep):
             share = (index + 1) / substeps
             place_pedestrians(boxes, route, arc, walk, legs, tick * duration, share)
             remember(past_pose, past_boxes, present, index + 1, index + 1, (x, y, yaw), boxes)
@@ -214,7 +223,7 @@ def step_world(
 @kernel
 def step_worlds_kernel(
     rows, pose, velocity, tick, contact, command, track, drive, timing, walls, num_walls,
-    route, route_arc, walk, legs, boxes, near, past_pose, past_boxes, present,
+    route, route_arc, walk, legs, boxes, near, past_pose, past_boxes, present, scan_age, sweep,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     for n in range(rows[0], rows[1]):
@@ -222,7 +231,7 @@ def step_worlds_kernel(
             tick[n], contact[n] = step_world(
                 pose[n], velocity[n], tick[n], command[n], track[n], drive, timing,
                 walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
-                past_pose[n], past_boxes[n], present[n],
+                past_pose[n], past_boxes[n], present[n], scan_age[n], sweep[n],
             )  # fmt: skip
 
 

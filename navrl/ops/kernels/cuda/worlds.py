@@ -15,7 +15,7 @@ from navrl.ops.kernels.worlds import first_beam, place_scanner, step_world
 @thread_per_row
 def step_worlds_kernel(
     pose, velocity, tick, contact, command, track, drive, timing, walls, num_walls,
-    route, route_arc, walk, legs, boxes, near, past_pose, past_boxes, present,
+    route, route_arc, walk, legs, boxes, near, past_pose, past_boxes, present, scan_age, sweep,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
     n = cuda.grid(1)
@@ -23,7 +23,7 @@ def step_worlds_kernel(
         tick[n], contact[n] = step_world(
             pose[n], velocity[n], tick[n], command[n], track[n], drive, timing,
             walls[n], num_walls[n], route[n], route_arc[n], walk[n], legs[n], boxes[n], near[n],
-            past_pose[n], past_boxes[n], present[n],
+            past_pose[n], past_boxes[n], present[n], scan_age[n], sweep[n],
         )  # fmt: skip
 
 
