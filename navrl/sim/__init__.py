@@ -7,6 +7,7 @@ from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import Delays
 from navrl.sim.draws import Uniform
 from navrl.sim.lidar import Lidar
+from navrl.sim.localization import Localization
 from navrl.sim.robot import DifferentialDrive, RobotModel
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import Contact, SimState
@@ -22,6 +23,7 @@ __all__ = [
     "Delays",
     "DifferentialDrive",
     "Lidar",
+    "Localization",
     "PedestrianModel",
     "RobotModel",
     "ScriptedRoutes",
