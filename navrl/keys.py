@@ -62,6 +62,7 @@ CONTACT = "contact"  # [*B, 1] int64, navrl.sim.Contact
 REWARD_TERMS = "reward_terms"  # nested {term: [*B, 1]}, weighted; they sum to the reward
 
 # --- privileged (true state, not available to lidar policies) ------------------------------------
+TRUE_POSE = "true_pose"  # [*B, 3], world; only if the reported pose is not exact
 PEDESTRIAN_BOXES = "pedestrian_boxes"  # [*B, K, 5] (cx, cy, hx, hy, yaw), world; NaN where absent
 PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; inf without any
 

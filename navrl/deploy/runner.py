@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
-from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import ActionScaling, EnvBase, Transform, TransformedEnv
 
 from navrl import keys
@@ -75,6 +75,7 @@ class PolicyRunner:
     ) -> None:
         check_lidar(transforms, lidar)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
+        self._has_blind_beams = not lidar.coverage.is_full
         self.limits = SafetyLimits() if limits is None else limits
         self.state: DriveState | None = None
         senses = TransformedEnv(_SensorEnv(lidar, robot), transforms.clone())
@@ -117,7 +118,9 @@ class PolicyRunner:
                 counter-clockwise from the lidar's x axis: straight ahead unless the policy's
                 ``lidar.mount`` is turned. A beam without return reads at least the lidar's
                 ``max_range``, infinity or zero; one that is too close to be measured reads negative
-                infinity; NaN and other negative values are invalid (:class:`ScanCheck`).
+                infinity; NaN and other negative values are invalid (:class:`ScanCheck`). Beams
+                outside of the robot's field of view read NaN; those that are blind in the policy's
+                lidar may read anything.
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
             path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. Call
                 :meth:`reset` when it changes, since progress along it is stored.
@@ -192,8 +195,11 @@ class PolicyRunner:
         if not np.isfinite(path).all():
             raise ValueError("path: must be finite in all points")
         whole = np.concatenate([path, np.repeat(path[-1:], MAX_PATH_POINTS - len(path), axis=0)])
+        measured = self._scan_check.usable(ranges)
         ranges = self._scan_check.cleaned(ranges)
         values = {keys.RANGES: ranges, keys.POSE: pose.copy(), keys.PATH: whole}
+        if self._has_blind_beams:
+            values[keys.MEASURED] = measured
         return TensorDict({k: torch.from_numpy(v).unsqueeze(0) for k, v in values.items()}, [1])
 
 
@@ -213,6 +219,10 @@ class _SensorEnv(EnvBase):
             keys.POSE: Unbounded(torch.Size((1, 3)), dtype=torch.float64),
             keys.PATH: Unbounded(torch.Size((1, MAX_PATH_POINTS, 2)), dtype=torch.float64),
         }
+        if not lidar.coverage.is_full:
+            observation[keys.MEASURED] = Binary(
+                lidar.num_beams, dtype=torch.bool, shape=torch.Size((1, lidar.num_beams))
+            )
         self.observation_spec = Composite(observation, shape=(1,))
         low, high = robot.bounds()
         self.action_spec = Bounded(low.unsqueeze(0), high.unsqueeze(0))

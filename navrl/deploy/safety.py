@@ -100,6 +100,10 @@ class ScanCheck:
     - *too close*: negative infinity;
     - *invalid*: NaN, negative, or larger than ``sensor_range``.
 
+    Beams that are blind in all episodes of the training (:class:`navrl.sim.coverage.Coverage`) may
+    read anything, and those outside of the smallest field of view may be invalid. A lidar without
+    a beam straight ahead is blind, and so is one with a blind sector ahead wider than ``max_gap``.
+
     Args:
         lidar: Number of beams, largest range, and mount of the scans.
         robot: Its radius, and the bearings that it drives towards.
@@ -111,19 +115,31 @@ class ScanCheck:
         self._max_range, self._radius = np.float32(lidar.max_range), np.float32(robot.radius)
         bearing = lidar.beam_angles().numpy() + lidar.mount[2]
         sides = robot.travel_bearings
-        self._sectors = [_beams_within(bearing, side, limits.sector) for side in sides]
+        coverage, seed = lidar.coverage, torch.zeros(1, dtype=torch.int64)
+        in_view, self._required = (
+            mask.numpy() for mask in (coverage.in_smallest_view(), coverage.in_all_episodes())
+        )
+        self._covered = in_view & ~self._required
+        drawn = torch.ones(lidar.num_beams, dtype=torch.bool)
+        self._usable = (coverage.measured(seed)[0] if coverage.is_fixed else drawn).numpy()
+        sectors = [_beams_within(bearing, side, limits.sector) for side in sides]
+        self._sectors = [sector[in_view[sector]] for sector in sectors]
         self._max_gap_beams = limits.max_gap / abs(lidar.increment)
+        gap = max(limits.max_gap, abs(lidar.increment))
+        ahead = min(sides, key=abs, default=0.0)
+        self._sees_ahead = bool(self._required[_beams_within(bearing, ahead, gap)].any())
 
     def state(self, ranges: np.ndarray) -> DriveState:
         """Return ``BLIND``, ``BLOCKED`` or ``DRIVE`` for a scan ``[num_beams]`` m."""
-        measured, invalid = self._measured(ranges), self._invalid(ranges)
-        if measured.mean() < self._limits.min_measured_share:
+        measured, invalid = self._measured(ranges), self._invalid(ranges) | self._covered
+        share = self._limits.min_measured_share
+        if not self._sees_ahead or measured[self._required].mean() < share:
             return DriveState.BLIND
         if invalid.any():
             widest = max(_longest_run(invalid[sector]) for sector in self._sectors)
             if widest > self._max_gap_beams:
                 return DriveState.BLIND
-        too_near = np.isneginf(ranges)
+        too_near = np.isneginf(ranges) & self._usable
         if any(too_near[sector].any() for sector in self._sectors):
             return DriveState.BLOCKED
         return DriveState.DRIVE
@@ -131,11 +147,15 @@ class ScanCheck:
     def cleaned(self, ranges: np.ndarray) -> np.ndarray:
         """Return the scan ``[num_beams]`` m as a simulated lidar would give it, float32.
 
-        No return and invalid become ``max_range``; too close becomes the robot's radius.
+        No return, invalid and blind become ``max_range``; too close becomes the robot's radius.
         """
-        is_return = (ranges > 0.0) & (ranges <= self._max_range)
+        is_return = (ranges > 0.0) & (ranges <= self._max_range) & self._usable
         cleaned = np.where(is_return, ranges, self._max_range)
-        return np.where(np.isneginf(ranges), self._radius, cleaned)
+        return np.where(np.isneginf(ranges) & self._usable, self._radius, cleaned)
+
+    def usable(self, ranges: np.ndarray) -> np.ndarray:
+        """Return ``[num_beams]`` bool, the beams that are neither blind nor invalid."""
+        return self._usable & ~self._invalid(ranges)
 
     def _invalid(self, ranges: np.ndarray) -> np.ndarray:
         impossible = (ranges > self._limits.sensor_range) & (ranges < _largest(ranges))

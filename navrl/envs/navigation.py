@@ -16,14 +16,14 @@ from navrl.envs.outcome import Outcome, classify
 from navrl.envs.rewards import Transition
 from navrl.ops.distance import point_box_distance
 from navrl.ops.path import path_length, project_onto_path
-from navrl.sim import Contact, SimState, Simulator
+from navrl.sim import Contact, Localization, SimState, Simulator
 from navrl.worlds import MAX_PATH_POINTS, ScenarioBatch, ScenarioPool
 
 RewardTerm = Callable[[Transition], Tensor]
 
 _STATE = (
     *("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position"),
-    *("_ranges", "_outcome", "_command"),
+    *("_ranges", "_outcome", "_command", "_poses"),
 )
 
 
@@ -39,7 +39,7 @@ class NavigationEnv(EnvBase):
     key       shape               meaning
     ========  ==================  ======================================================
     ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams in the lidar's frame
-    pose      ``[N, 3]``          (x, y, yaw), world frame
+    pose      ``[N, 3]``          (x, y, yaw), world frame, as the localization reports it
     velocity  ``[N, C]``          velocity of the robot, e.g. (v, w), m/s and rad/s
     scan_motion ``[N, 2, 3]``     (x, y, yaw) of the robot at the first and at the last beam, in its
                                   present frame; zeros for a scan without age
@@ -52,7 +52,8 @@ class NavigationEnv(EnvBase):
     With a lidar that has blind beams also ``measured [N, beams]`` bool, false for these.
 
     With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
-    [N, 1]``, the true state, for metrics and privileged controllers.
+    [N, 1]``, the true state, and ``true_pose [N, 3]`` unless the localization is exact, for metrics
+    and privileged controllers.
 
     **Reward** ``[N, 1]``: the sum of the terms; each is in ``reward_terms`` too.
 
@@ -71,6 +72,8 @@ class NavigationEnv(EnvBase):
         goal_radius: Distance to the goal that counts as success, m.
         time_limit_steps: Steps after which an episode is truncated.
         privileged: Whether the observation includes the true state.
+        localization: Errors of the observed pose; ``None`` is exact. Rewards, outcomes and metrics
+            use the true pose.
         seed: Seed of the environment's generator; ``None`` draws one from the operating system, so
             that environments without a seed differ. Global generators are not used.
 
@@ -92,6 +95,7 @@ class NavigationEnv(EnvBase):
         time_limit_steps: int = 150,
         privileged: bool = False,
         seed: int | None = None,
+        localization: Localization | None = None,
     ) -> None:
         if goal_radius <= 0 or time_limit_steps <= 0:
             raise ValueError(
@@ -104,6 +108,7 @@ class NavigationEnv(EnvBase):
         self.rewards = {name: term for name, term in rewards.items() if term is not None}
         self.goal_radius, self.time_limit_steps = goal_radius, time_limit_steps
         self.privileged = privileged
+        self.localization = Localization() if localization is None else localization
         self.max_dynamic: int | None = None  # curriculum: maximum number of dynamic pedestrians
         self._fixed: ScenarioBatch | None = None
         self._generator = torch.Generator()
@@ -146,6 +151,8 @@ class NavigationEnv(EnvBase):
         self._ranges = torch.zeros(n, self.simulator.lidar.num_beams, device=device)
         self._command = torch.zeros(n, self.simulator.robot.command_size, device=device)
         self._outcome = torch.full((n,), Outcome.RUNNING, dtype=torch.int64, device=device)
+        num_poses = self.localization.num_poses(self.simulator.time_step_s)
+        self._poses = torch.zeros(n, num_poses, 3, device=device)  # latest first
         self._terms = {name: torch.zeros(n, 1, device=device) for name in self.rewards}
 
     def _make_specs(self) -> None:
@@ -175,6 +182,8 @@ class NavigationEnv(EnvBase):
             k = self.simulator.max_pedestrians
             observation[keys.PEDESTRIAN_BOXES] = Unbounded(torch.Size((n, k, 5)), device=device)
             observation[keys.PEDESTRIAN_CLEARANCE] = Unbounded(single, device=device)
+            if not self.localization.is_exact:
+                observation[keys.TRUE_POSE] = Unbounded(torch.Size((n, 3)), device=device)
         self.observation_spec = Composite(observation, shape=rows, device=device)
         low, high = (bound.expand(n, -1).contiguous() for bound in robot.bounds(device))
         self.action_spec = Bounded(low, high, device=device)
@@ -202,7 +211,17 @@ class NavigationEnv(EnvBase):
         }
 
     def load_episode_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`episode_state` returned."""
+        """Restore what :meth:`episode_state` returned.
+
+        Raises:
+            ValueError: If it has another number of past poses than the localization needs.
+        """
+        num_poses = state.get("_poses", self._poses).shape[1]
+        if num_poses != self._poses.shape[1]:
+            raise ValueError(
+                f"localization: must need {num_poses} past poses as the loaded state, "
+                f"got {self._poses.shape[1]}"
+            )
         self.simulator.load_state_dict(state["simulator"])
         self._generator.set_state(state["generator"])
         for name in _STATE:
@@ -241,6 +260,8 @@ class NavigationEnv(EnvBase):
         self._steps = self._steps.index_fill(0, worlds, 0)
         self._command = self._command.index_fill(0, worlds, 0.0)
         self._position = state.pose[:, :2]
+        start = state.pose[worlds, None].expand(-1, self._poses.shape[1], -1)
+        self._poses = self._poses.index_put((worlds,), start)
         progress, _ = project_onto_path(path, self._position[worlds])
         self._progress = self._progress.index_put((worlds,), progress)
         # The other worlds repeat their last observation, which statistics of whole batches need.
@@ -263,6 +284,8 @@ class NavigationEnv(EnvBase):
         self._command = command.float().clone()
         ranges = self.simulator.ranges()
         self._steps = self._steps + 1
+        if not self.localization.is_exact:
+            self._poses = torch.cat((state.pose[:, None], self._poses[:, :-1]), dim=1)
         position, before = state.pose[:, :2], self._progress
         self._progress, _ = project_onto_path(self._path, position, before)
         self._position = position
@@ -305,13 +328,19 @@ class NavigationEnv(EnvBase):
         lidar = self.simulator.lidar
         return lidar.add_noise(ranges, self._noise_seed[worlds], self._steps[worlds])
 
+    def _reported_pose(self, state: SimState) -> Tensor:
+        if self.localization.is_exact:
+            return state.pose
+        episode = self._noise_seed, self._steps
+        return self.localization.report(self._poses, *episode, self.simulator.time_step_s)
+
     def _observe(
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
     ) -> TensorDict:
         self._ranges, self._outcome, self._terms = ranges, outcome, dict(terms)
         observation = {
             keys.RANGES: ranges,
-            keys.POSE: state.pose,
+            keys.POSE: self._reported_pose(state),
             keys.VELOCITY: state.velocity,
             keys.COMMAND: self._command,
             keys.SCAN_MOTION: self.simulator.scan_motion().float(),
@@ -328,4 +357,6 @@ class NavigationEnv(EnvBase):
             clearance = distance.amin(dim=-1, keepdim=True) - self.simulator.robot.radius
             observation[keys.PEDESTRIAN_BOXES] = state.pedestrians
             observation[keys.PEDESTRIAN_CLEARANCE] = clearance.clamp_min(0.0)
+            if not self.localization.is_exact:
+                observation[keys.TRUE_POSE] = state.pose
         return TensorDict(observation, self.batch_size, device=self.device)

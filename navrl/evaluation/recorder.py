@@ -12,6 +12,7 @@ from navrl import keys
 from navrl.envs.transformed import base_env
 from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
 from navrl.evaluation.rollout import ERROR, EpisodeRecord, evaluate
+from navrl.evaluation.series import true_pose
 from navrl.worlds import Scenario, ScenarioBatch
 
 
@@ -39,8 +40,8 @@ class EpisodeRecorder:
         """Add a batch of transitions."""
         after = stepped.get("next")
         if not self._observed:
-            self._observed.append(_copies(stepped, OBSERVED))
-        self._observed.append(_copies(after, OBSERVED))
+            self._observed.append(_observed(stepped))
+        self._observed.append(_observed(after))
         # The environment's action, after its transforms of the policy's action.
         command = self._env.transform.inv(stepped.exclude("next"))
         attention = [name for name in DECIDED if name != keys.ACTION]
@@ -101,6 +102,12 @@ def record_episode(
     if record.outcome == ERROR:
         raise RuntimeError(f"scenario {scenario.index} of {scenario.suite}:\n{record.error}")
     return recorder.recording(0, scenario, record)
+
+
+def _observed(step: TensorDictBase) -> dict[str, np.ndarray]:
+    """Return the observations of a step, with the true pose."""
+    pose = true_pose(step).detach().cpu().numpy().copy()
+    return {**_copies(step, OBSERVED), keys.POSE: pose}
 
 
 def _copies(step: TensorDictBase, names: Iterable[str]) -> dict[str, np.ndarray]:

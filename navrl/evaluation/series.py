@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
@@ -12,11 +13,16 @@ from navrl.evaluation.metrics import Trajectory
 from navrl.worlds import ScenarioBatch
 
 
+def true_pose(observed: TensorDictBase) -> Tensor:
+    """Return ``[*B, 3]``, the true pose of a privileged observation."""
+    return observed.get(keys.TRUE_POSE if keys.TRUE_POSE in observed else keys.POSE)
+
+
 class Series:
     """Time series of N worlds for the metrics."""
 
     def __init__(self, carrier: TensorDictBase) -> None:
-        self._pose = [carrier[keys.POSE]]
+        self._pose = [true_pose(carrier)]
         self._pedestrians = [carrier[keys.PEDESTRIAN_BOXES]]
         self._steps = torch.zeros(len(carrier), dtype=torch.int64, device=carrier.device)
         self._outcome, self._contact = self._steps, self._steps
@@ -25,7 +31,7 @@ class Series:
     def add(self, stepped: TensorDictBase) -> None:
         """Add a step; worlds that have ended stay ended."""
         following = stepped.get("next")
-        self._pose.append(following[keys.POSE])
+        self._pose.append(true_pose(following))
         self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
         self._steps = self._steps + self.running
         ends = self.running & following["done"].squeeze(-1)

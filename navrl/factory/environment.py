@@ -70,7 +70,8 @@ def make_navigation_env(
     """Build the simulator and the raw environment.
 
     Args:
-        cfg: Config with ``simulator``, ``robot``, ``lidar``, ``reward`` and ``environment``.
+        cfg: Config with ``simulator``, ``robot``, ``lidar``, ``reward`` and ``environment``, and
+            optionally ``localization``.
         num_worlds: Batch size.
         scenarios: Source of the episodes; ``None`` if they are set by the caller.
         seed: Seed of the environment's generator; ``None`` draws one.
@@ -92,6 +93,7 @@ def make_navigation_env(
         rewards={name: instantiate(term) for name, term in cfg.get("reward", {}).items()},
         privileged=privileged,
         seed=seed,
+        localization=instantiate(cfg.get("localization")),
         **cfg.environment,
     )
 

@@ -20,7 +20,16 @@ from navrl.viz.live import LiveScene
 from navrl.worlds import Scenario
 
 EFFECTIVE = (
-    *("scenario", "simulator", "robot", "lidar", "reward", "environment", "experiment"),
+    *(
+        "scenario",
+        "simulator",
+        "robot",
+        "lidar",
+        "localization",
+        "reward",
+        "environment",
+        "experiment",
+    ),
     *("seed", "pool_size", "empty_share", "num_threads"),
 )
 """Keys of ``conf/train.yaml`` that affect the environment."""
@@ -112,8 +121,9 @@ class EpisodeRenderer:
         return self._scene.draw(self._recording())
 
     def _append(self, observation: TensorDictBase) -> None:
-        pedestrians = self._env.simulator.state().pedestrians[0]
-        self._series[keys.POSE].append(observation.get(keys.POSE)[0].numpy().copy())
+        state = self._env.simulator.state()
+        pedestrians = state.pedestrians[0]
+        self._series[keys.POSE].append(state.pose[0].numpy().copy())
         self._series[keys.RANGES].append(observation.get(keys.RANGES)[0].numpy().copy())
         self._series[keys.PEDESTRIAN_BOXES].append(pedestrians.numpy().copy())
         self._outcome = Outcome(int(observation[keys.OUTCOME][0]))

@@ -8,6 +8,7 @@ from navrl.sim.delays import Delays
 from navrl.sim.draws import LogUniform, Uniform
 from navrl.sim.lidar import Lidar
 from navrl.sim.limited_drive import LimitedDrive
+from navrl.sim.localization import Localization
 from navrl.sim.robot import DifferentialDrive, RobotModel
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import Contact, SimState
@@ -24,6 +25,7 @@ __all__ = [
     "DifferentialDrive",
     "Lidar",
     "LimitedDrive",
+    "Localization",
     "LogUniform",
     "PedestrianModel",
     "RobotModel",

@@ -87,6 +87,10 @@ class Coverage:
             measured &= _wrapped(self._angles - center).abs() >= half - _ROUNDING
         return measured.expand(len(seed), -1)
 
+    def in_smallest_view(self) -> Tensor:
+        """Return [beams] bool, inside of the field of view in all episodes."""
+        return self._from_axis.cpu() <= 0.5 * limits(self.field_of_view)[0] + _ROUNDING
+
     def in_all_episodes(self) -> Tensor:
         """Return [beams] bool, inside of the smallest field of view and of no fixed sector."""
         smallest = limits(self.field_of_view)[0]

@@ -41,7 +41,8 @@ class MinPool(ObservationMap):
         angle_increment: Angle from one beam to the next, rad, negative for clockwise order; None
             for beams over a full circle, counter-clockwise.
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad.
-        in_keys: Ranges ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment``.
+        in_keys: Ranges ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment``; optionally
+            the beams that measure ``[*B, beams]`` bool, for ``seen`` of a lidar with blind beams.
         out_keys: Pooled ranges ``[*B, N]`` m, points ``[*B, N, 2]`` m in the robot frame, and
             returns ``[*B, N]`` bool; optionally the covered bins ``[*B, N]`` bool.
 
@@ -60,6 +61,7 @@ class MinPool(ObservationMap):
     """
 
     INPUTS = ("ranges",)
+    OPTIONAL_INPUTS = ("measured",)
     OUTPUTS = ("pooled ranges", "points", "returns")
     OPTIONAL_OUTPUTS = ("seen",)
 
@@ -93,7 +95,7 @@ class MinPool(ObservationMap):
         angles = (self.angle_min, self.angle_increment, self.mount)
         return scan_layout(num_beams, self.group_size, self.num_points, *angles)
 
-    def map_values(self, ranges: Tensor) -> Sequence[Tensor]:
+    def map_values(self, ranges: Tensor, measured: Tensor | None = None) -> Sequence[Tensor]:
         """Pool ``ranges``; see :func:`navrl.ops.pooling.min_pool`."""
         pooled = min_pool(
             ranges.float(),
@@ -107,10 +109,17 @@ class MinPool(ObservationMap):
         )
         if len(self.out_keys) == len(self.OUTPUTS):
             return pooled
-        seen = self.layout(ranges.shape[-1]).seen().to(ranges.device)
-        return (*pooled, seen.expand(pooled.returns.shape).clone())
+        layout = self.layout(ranges.shape[-1])
+        if measured is None:
+            seen = layout.seen().to(ranges.device)
+            return (*pooled, seen.expand(pooled.returns.shape).clone())
+        none = measured.new_zeros((*measured.shape[:-1], 1))  # entry of the table's padding
+        beams = layout.beams_by_bin().to(ranges.device)
+        return (*pooled, torch.cat((measured, none), dim=-1)[..., beams].any(-1))
 
-    def map_specs(self, ranges: TensorSpec) -> Sequence[TensorSpec]:
+    def map_specs(
+        self, ranges: TensorSpec, measured: TensorSpec | None = None
+    ) -> Sequence[TensorSpec]:
         """Return the specs of pooled ranges, points, returns and, if requested, seen.
 
         Raises:
