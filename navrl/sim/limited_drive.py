@@ -179,6 +179,7 @@ class LimitedDrive(DifferentialDrive):
         duration: float,
         parameters: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities after each of S substeps; see :meth:`RobotModel.rollout`."""
         if not self._stages:
             return super().rollout(pose, velocity, commands, duration)
         low, high, row = self._constants_like(pose)
