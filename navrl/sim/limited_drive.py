@@ -123,7 +123,7 @@ class LimitedDrive(DifferentialDrive):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether no limit or error has an effect, so that the kinematic model applies."""
+        """Return whether no limit or error has an effect: the kinematic model applies."""
         return not self._stages and type(self).advance is LimitedDrive.advance
 
     @property

@@ -223,7 +223,7 @@ class DifferentialDrive(RobotModel):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether the batched simulator's kernel moves it; false if a subclass has own motion."""
+        """Return whether the batched simulator's kernel moves it, unless a subclass does."""
         return type(self).advance is DifferentialDrive.advance
 
     @property
