@@ -12,7 +12,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
-from torchrl.envs import ActionScaling, EnvBase, Transform, TransformedEnv
+from torchrl.envs import ActionScaling, Compose, EnvBase, Transform, TransformedEnv
 
 from navrl import keys
 from navrl.deploy.safety import (
@@ -25,7 +25,8 @@ from navrl.deploy.safety import (
 )
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
-from navrl.sim import Lidar, RobotModel
+from navrl.sim import Delays, Lidar, RobotModel
+from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
@@ -44,6 +45,7 @@ class PolicyRunner:
         actor: Writes an action in [-1, 1].
         lidar: Lidar of the training: number of beams, maximum range and mount.
         robot: Limits of the command.
+        delays: Delays of scans and commands, for a shield that knows the base; ``None`` for none.
         limits: Conditions under which the robot may drive; defaults of :class:`SafetyLimits`.
 
     Attributes:
@@ -72,13 +74,16 @@ class PolicyRunner:
         lidar: Lidar,
         robot: RobotModel,
         limits: SafetyLimits | None = None,
+        delays: Delays | None = None,
     ) -> None:
         check_lidar(transforms, lidar)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         self._has_blind_beams = not lidar.coverage.is_full
         self.limits = SafetyLimits() if limits is None else limits
         self.state: DriveState | None = None
-        senses = TransformedEnv(_SensorEnv(lidar, robot), transforms.clone())
+        senses = TransformedEnv(
+            _SensorEnv(lidar, robot, Delays() if delays is None else delays), transforms.clone()
+        )
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
         self._env, self._transform = senses, senses.transform
@@ -86,10 +91,16 @@ class PolicyRunner:
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
+        self._driven = np.zeros((1, robot.command_size), dtype=np.float32)
+        self._needs_velocity = keys.VELOCITY in _read_keys(transforms)
 
     @classmethod
     def from_bundle(
-        cls, folder: str | Path, allow: Sequence[str] = (), limits: SafetyLimits | None = None
+        cls,
+        folder: str | Path,
+        allow: Sequence[str] = (),
+        limits: SafetyLimits | None = None,
+        delays: Delays | None = None,
     ) -> PolicyRunner:
         """Load a bundle: one of the zoo, or the folder ``policy`` of a training run.
 
@@ -97,20 +108,30 @@ class PolicyRunner:
             folder: Folder of the bundle.
             allow: See :func:`navrl.policies.load_bundle`.
             limits: See :class:`PolicyRunner`.
+            delays: See :class:`PolicyRunner`.
 
         Raises:
             BundleError: If the bundle is damaged or not allowed.
         """
         bundle = load_bundle(folder, allow)
         transforms, lidar, robot = map(bundle.build, ("transforms", "lidar", "robot"))
-        return cls(transforms, bundle.actor, lidar, robot, limits)
+        return cls(transforms, bundle.actor, lidar, robot, limits, delays)
 
     def reset(self) -> None:
         """Clear the scan history: the next scan is the first of a new drive."""
         self._past = None
+        self._driven = np.zeros_like(self._driven)
 
     @torch.no_grad()
-    def act(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> np.ndarray:
+    def act(
+        self,
+        ranges: ArrayLike,
+        pose: ArrayLike,
+        path: ArrayLike,
+        velocity: ArrayLike | None = None,
+        scan_motion: ArrayLike | None = None,
+        command: ArrayLike | None = None,
+    ) -> np.ndarray:
         """Return the command for one scan.
 
         Args:
@@ -124,6 +145,13 @@ class PolicyRunner:
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
             path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. Call
                 :meth:`reset` when it changes, since progress along it is stored.
+            velocity: ``[C]`` the robot's velocity now, e.g. (v, w) of its odometry, m/s and rad/s;
+                required by policies that read it.
+            scan_motion: ``[2, 3]`` (x, y, yaw) m and rad of the robot at the times of the scan's
+                first and last beam, in its present frame, from odometry; ``None`` for a scan
+                without age.
+            command: ``[C]`` the command that the robot was given last, if it was not the one that
+                the last call returned, m/s and rad/s.
 
         Returns:
             ``[C]`` float32 within the robot's limits, e.g. (v, w) in m/s and rad/s; valid until the
@@ -132,14 +160,18 @@ class PolicyRunner:
             stored as the last action.
 
         Raises:
-            ValueError: If a shape does not fit, if pose or path is not finite, or if the yaw is not
-                in radians. The stored history is unchanged then.
+            ValueError: If a shape does not fit, if pose, path, velocity, motion or command is not
+                finite, if the policy needs a velocity that is not given, or if the yaw is not in
+                radians. The stored history is unchanged then.
         """
         self.state = None  # until a decision is made
         sensed = self._checked(ranges, pose, path)
-        command, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
-        if command is not None and self.state is DriveState.DRIVE:
-            return command
+        sensed.update(self._checked_motion(velocity, scan_motion, command))
+        answer, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
+        if answer is not None and self.state is DriveState.DRIVE:
+            self._driven = answer[None].copy()
+            return answer
+        self._driven = np.zeros_like(self._driven)
         if self._past is not None:  # controllers read the action that was driven, which is a stop
             self._past = self._past.copy().set(keys.ACTION, self._stop.clone())
         return np.zeros(self._robot.command_size, dtype=np.float32)
@@ -179,6 +211,28 @@ class PolicyRunner:
             return actor.module(*(now.get(key) for key in actor.in_keys))
         return actor(now.copy())[keys.ACTION]
 
+    def _checked_motion(
+        self,
+        velocity: ArrayLike | None,
+        scan_motion: ArrayLike | None,
+        command: ArrayLike | None,
+    ) -> dict[str, Tensor]:
+        if velocity is None and self._needs_velocity:
+            raise ValueError("velocity=None: must be the robot's velocity, this policy reads it")
+        size = self._robot.command_size
+        given = {
+            keys.VELOCITY: (velocity, (size,)),
+            keys.COMMAND: (self._driven[0] if command is None else command, (size,)),
+            keys.SCAN_MOTION: (scan_motion, (2, 3)),
+        }
+        values = {}
+        for name, (value, shape) in given.items():
+            row = np.zeros(shape, np.float32) if value is None else np.asarray(value, np.float32)
+            if row.shape != shape or not np.isfinite(row).all():
+                raise ValueError(f"{name}: must be {list(shape)} finite numbers, got {value}")
+            values[name] = torch.from_numpy(row.copy()).unsqueeze(0)
+        return values
+
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
         ranges = _single(ranges)
         # The transforms subtract pose and path in float64: float32 resolves large maps to 0.5 m.
@@ -203,6 +257,17 @@ class PolicyRunner:
         return TensorDict({k: torch.from_numpy(v).unsqueeze(0) for k, v in values.items()}, [1])
 
 
+def _read_keys(transforms: Transform) -> set[str]:
+    """Return the keys that the steps of a pipeline read."""
+    steps = transforms if isinstance(transforms, Compose) else [transforms]
+    return {
+        key
+        for step in steps
+        for key in (*(step.in_keys or ()), *getattr(step, "scan_keys", ()))
+        if isinstance(key, str)
+    }
+
+
 def _single(values: ArrayLike) -> np.ndarray:
     """Convert ``values`` to float32; too large values become infinite."""
     with np.errstate(over="ignore"):
@@ -212,12 +277,17 @@ def _single(values: ArrayLike) -> np.ndarray:
 class _SensorEnv(EnvBase):
     """Observation and action specs of a robot for the transforms; it is never stepped."""
 
-    def __init__(self, lidar: Lidar, robot: RobotModel) -> None:
+    def __init__(self, lidar: Lidar, robot: RobotModel, delays: Delays) -> None:
         super().__init__(batch_size=torch.Size([1]))
+        self.base = Base(robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s)
+        rows = torch.Size((1, robot.command_size))
         observation = {
             keys.RANGES: Bounded(0.0, lidar.max_range, shape=torch.Size((1, lidar.num_beams))),
             keys.POSE: Unbounded(torch.Size((1, 3)), dtype=torch.float64),
             keys.PATH: Unbounded(torch.Size((1, MAX_PATH_POINTS, 2)), dtype=torch.float64),
+            keys.VELOCITY: Unbounded(rows),
+            keys.COMMAND: Unbounded(rows),
+            keys.SCAN_MOTION: Unbounded(torch.Size((1, 2, 3))),
         }
         if not lidar.coverage.is_full:
             observation[keys.MEASURED] = Binary(

@@ -17,6 +17,7 @@ from navrl.envs.rewards import Transition
 from navrl.ops.distance import point_box_distance
 from navrl.ops.path import path_length, project_onto_path
 from navrl.sim import Contact, Localization, SimState, Simulator
+from navrl.transforms.base_motion import Base
 from navrl.worlds import MAX_PATH_POINTS, ScenarioBatch, ScenarioPool
 
 RewardTerm = Callable[[Transition], Tensor]
@@ -135,6 +136,14 @@ class NavigationEnv(EnvBase):
             )
         before, self._fixed = self._fixed, None if scenarios is None else scenarios.to(self.device)
         return before
+
+    @property
+    def base(self) -> Base:
+        """The base as a shield knows it: nominal limits and delays."""
+        delays = self.simulator.delays
+        return Base(
+            self.simulator.robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s
+        )
 
     # --- specs and state -------------------------------------------------------------------------
 

@@ -33,9 +33,7 @@ class VectorStream(nn.Module):
 
     has_attention = False
 
-    def __init__(
-        self, in_key: str | Sequence[str], shapes: Shapes, hidden: Sequence[int]
-    ) -> None:
+    def __init__(self, in_key: str | Sequence[str], shapes: Shapes, hidden: Sequence[int]) -> None:
         super().__init__()
         in_keys = [in_key] if isinstance(in_key, str) else in_key
         self.in_keys = [input_key(key, shapes) for key in in_keys]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from navrl.sim.draws import Uniform, Value, draw, limits
+from navrl.sim.draws import Uniform, Value, draw, limits, nominal
 
 _TOLERANCE = 1e-6  # substeps
 
@@ -65,6 +65,17 @@ class Delays:
             value = getattr(self, field.name)
             if not 0.0 <= limits(value)[0] < float("inf"):
                 raise ValueError(f"{field.name}={value}: must be finite and >= 0 s")
+
+    @property
+    def nominal_command_delays_s(self) -> tuple[float, float]:
+        """Medians of the delays of speed and turn rate, without jitter, s."""
+        common = nominal(self.command_delay_s)
+        return common + nominal(self.speed_delay_s), common + nominal(self.turn_rate_delay_s)
+
+    @property
+    def nominal_scan_age_s(self) -> float:
+        """Median age of the middle of a scan, without jitter, s."""
+        return nominal(self.scan_age_s) + 0.5 * nominal(self.revolution_s)
 
     def max_substeps(self, name: str, substep_s: float) -> int:
         """Return the largest possible value of a delay in substeps.

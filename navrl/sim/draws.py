@@ -49,7 +49,7 @@ class LogUniform(Uniform):
         ValueError: If a limit is not finite, ``low`` is not positive or exceeds ``high``.
 
     Example:
-        >>> LogUniform(0.1, 10.0).quantile(torch.tensor(0.5)).item()
+        >>> round(LogUniform(0.1, 10.0).quantile(torch.tensor(0.5)).item(), 6)
         1.0
     """
 
@@ -59,6 +59,7 @@ class LogUniform(Uniform):
             raise ValueError(f"low={self.low}: must be positive for a log-uniform distribution")
 
     def quantile(self, share: Tensor) -> Tensor:
+        """Return the quantiles at shares [*B] float64 in [0, 1], equal on all devices."""
         value = self.low * _exp(share.double() * math.log(self.high / self.low))
         return value.clamp(self.low, self.high)
 

@@ -123,7 +123,7 @@ class LimitedDrive(DifferentialDrive):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether no limit or error has an effect, so that the kinematic model applies."""
+        """Return whether no limit or error has an effect: the kinematic model applies."""
         return not self._stages and type(self).advance is LimitedDrive.advance
 
     @property
@@ -179,6 +179,7 @@ class LimitedDrive(DifferentialDrive):
         duration: float,
         parameters: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities after each of S substeps; see :meth:`RobotModel.rollout`."""
         if not self._stages:
             return super().rollout(pose, velocity, commands, duration)
         low, high, row = self._constants_like(pose)

@@ -151,6 +151,11 @@ class RobotModel(ABC):
         return tuple(sorted(set(heading[speed != 0].tolist())))
 
     @property
+    def follows_commands(self) -> bool:
+        """Whether the base has the commanded velocity at once and in full."""
+        return False
+
+    @property
     def command_size(self) -> int:
         """Number C of components of a command."""
         return len(self.command_limits[0])
@@ -222,8 +227,13 @@ class DifferentialDrive(RobotModel):
         self.wheel_acceleration = float(wheel_acceleration)
 
     @property
+    def follows_commands(self) -> bool:
+        """Whether the model is kinematic."""
+        return self.model == "kinematic" and self.is_compiled
+
+    @property
     def is_compiled(self) -> bool:
-        """Whether the batched simulator's kernel moves it; false if a subclass has own motion."""
+        """Return whether the batched simulator's kernel moves it, unless a subclass does."""
         return type(self).advance is DifferentialDrive.advance
 
     @property

@@ -81,7 +81,7 @@ class Simulator(ABC):
         self.robot, self.lidar = robot, lidar
         self.pedestrians = ScriptedRoutes() if pedestrians is None else pedestrians
         self.device = find_device(device)
-        delays = Delays() if delays is None else delays
+        self.delays = delays = Delays() if delays is None else delays
         clock = (delays, self.substeps, self.substep_s)
         self.commands = CommandQueue(self.num_worlds, robot.command_size, *clock, self.device)
         drawn = robot.draw(torch.zeros(0, dtype=torch.int64, device=self.device))

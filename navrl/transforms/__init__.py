@@ -5,6 +5,7 @@ the transforms work with any TorchRL environment.
 """
 
 from navrl.transforms.action_shield import ActionShield
+from navrl.transforms.base_motion import Base
 from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
@@ -21,6 +22,7 @@ from navrl.transforms.waypoints import Waypoints
 __all__ = [
     "TAGD",
     "ActionShield",
+    "Base",
     "GoalPosition",
     "ICPAlign",
     "MinPool",

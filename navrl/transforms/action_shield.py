@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import torch
 from tensordict import NestedKey
 from torch import Tensor
+from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.returns import finite_returns
-from navrl.ops.unicycle import advance_poses
 from navrl.transforms.action_map import ActionMap
-from navrl.transforms.observation_map import Keys
+from navrl.transforms.base_motion import IDEAL, Base
+from navrl.transforms.observation_map import Keys, nested_keys
 
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
 _MAX_TIMES = 100
@@ -40,6 +44,10 @@ class ActionShield(ActionMap):
     distances by least. So beside a wall a stop is kept, a pedestrian who walks up to the robot is
     evaded, and if that is impossible the robot does not drive into them.
 
+    Without ``base`` the robot is assumed to have the commanded velocity at once. With one, its
+    limits of acceleration and the delays of commands and scans are part of the simulation, and the
+    horizon starts when the command takes effect.
+
     The action is (v, w) on both sides. The shield reads no privileged state and gives no guarantee:
     the robot can still hit an occluded obstacle or a pedestrian who changes direction.
 
@@ -62,9 +70,14 @@ class ActionShield(ActionMap):
             ``[*B, G, 4]`` m and validity of their halves ``[*B, G, 2]`` bool, at the time of the
             action.
         action_key: Key of the command ``[*B, 2]``, on both sides.
+        base: How the robot follows commands; ``"environment"`` for the base of the environment or
+            runner that the transform is a part of, ``None`` for one that follows them at once.
+        base_keys: Velocity ``[*B, 2]`` and the last commands ``[*B, 2]``, latest first, as many as
+            the steps of the longest delay; read with a base only.
 
     Raises:
-        ValueError: If a value is out of range, or later if a key is missing.
+        ValueError: If a value is out of range, or later if a key is missing, or the environment has
+            no known base.
 
     Example:
         >>> shield = ActionShield(radius=0.178, horizon=0.4)
@@ -100,8 +113,17 @@ class ActionShield(ActionMap):
         group_radius: float = 0.3,
         scan_keys: Keys = (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
         action_key: NestedKey | list[str] = keys.ACTION,
+        base: Base | Literal["environment"] | None = None,
+        base_keys: Keys = (keys.VELOCITY, keys.COMMAND),
     ) -> None:
-        super().__init__(("points", "returns", "descriptors", "valid"), scan_keys, action_key)
+        names = ["points", "returns", "descriptors", "valid"]
+        if base is not None:
+            scan_keys = [*nested_keys(scan_keys), *nested_keys(base_keys)]
+            names += ["velocity", *("command" for _ in scan_keys[5:])]
+        super().__init__(names, scan_keys, action_key)
+        if isinstance(base, str) and base != "environment":
+            raise ValueError(f"base={base!r}: must be a Base, 'environment' or None")
+        self.base = base
         check_positive(
             radius=radius,
             max_turn_rate=max_turn_rate,
@@ -136,15 +158,37 @@ class ActionShield(ActionMap):
         Args:
             action: ``[*B, 2]``, requested (v, w).
             seen: Points ``[*B, P, 2]`` m, returns ``[*B, P]`` bool, descriptors ``[*B, G, 4]`` m
-                and validity of their halves ``[*B, G, 2]`` bool.
+                and validity of their halves ``[*B, G, 2]`` bool; with a base also its velocity
+                and last commands, ``[*B, 2]`` each.
         """
         batch = action.shape[:-1]
         flat = (value.reshape(-1, *value.shape[len(batch) :]) for value in (action, *seen))
         return self._shielded(*flat).reshape(*batch, 2)
 
     def _shielded(
-        self, command: Tensor, points: Tensor, returns: Tensor, tagd: Tensor, valid: Tensor
+        self,
+        command: Tensor,
+        points: Tensor,
+        returns: Tensor,
+        tagd: Tensor,
+        valid: Tensor,
+        *state: Tensor,
     ) -> Tensor:
+        scene = self._scene(points, returns, tagd, valid, state)
+        blocked = self._spare(command.unsqueeze(1), scene)[:, 0] <= 0.0
+        rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
+        if not len(rows):
+            return command
+        return command.index_put((rows,), self._most_similar(command[rows], scene[rows]))
+
+    def _scene(
+        self,
+        points: Tensor,
+        returns: Tensor,
+        tagd: Tensor,
+        valid: Tensor,
+        state: Sequence[Tensor],
+    ) -> _Scene:
         returns = finite_returns(points, returns)
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
         smallest, largest = (speed * self.time_step for speed in self.speed_range)
@@ -156,13 +200,34 @@ class ActionShield(ActionMap):
             max_displacement=largest,
             group_radius=self.group_radius,
         )
-        required = self._required(points, motion)
-        blocked = self._spare(command.unsqueeze(1), points, motion, required)[:, 0] <= 0.0
-        rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
-        if not len(rows):
-            return command
-        instead = self._most_similar(command[rows], points[rows], motion[rows], required[rows])
-        return command.index_put((rows,), instead)
+        base = self._known_base()
+        if base.scan_age_s:
+            points = points + base.scan_age_s / self.time_step * motion
+        velocity = state[0] if state else points.new_zeros(len(points), 2)
+        given = torch.stack(state[1:], dim=1) if len(state) > 1 else velocity[:, None]
+        return _Scene(points, motion, self._required(points, motion), velocity, given)
+
+    def _known_base(self) -> Base:
+        if self.base is None:
+            return IDEAL
+        if isinstance(self.base, Base):
+            return self.base
+        env = self.container
+        while env is not None and not hasattr(env, "base"):
+            env = env.container if isinstance(env, Transform) else getattr(env, "base_env", None)
+        if env is None:
+            raise ValueError(
+                "base='environment': must be part of an environment or runner that knows its base; "
+                "pass a navrl.transforms.Base otherwise"
+            )
+        return env.base
+
+    def _times(self) -> list[float]:
+        """Return the checked times, s: the horizon, later by the delay of the command."""
+        late = math.ceil(max(self._known_base().command_delays_s) / self.times[0])
+        return [self.times[0] * (k + 1) for k in range(late)] + [
+            self.times[0] * late + time for time in self.times
+        ]
 
     def _required(self, points: Tensor, motion: Tensor) -> Tensor:
         """Return the required distance of each point from the robot's center, ``[N, P]`` m."""
@@ -173,59 +238,63 @@ class ActionShield(ActionMap):
         nearest = nearest.clamp_min(self.radius - self.margin)  # what is deeper is no obstacle
         return torch.where(approaches, clear, torch.minimum(present, nearest).clamp_max(clear))
 
-    def _most_similar(
-        self, command: Tensor, points: Tensor, motion: Tensor, required: Tensor
-    ) -> Tensor:
+    def _most_similar(self, command: Tensor, scene: _Scene) -> Tensor:
         """Return the most similar allowed command for each command, ``[R, 2]``."""
         grid = self._grid.to(command).expand(len(command), -1, -1)
         candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
-        spare = self._spare(candidates, points, motion, required)
+        spare = self._spare(candidates, scene)
         stuck = (spare.amax(-1) <= 0.0).nonzero()[:, 0]
         if len(stuck):
-            seen = points[stuck], motion[stuck]
-            spare[stuck] = self._of_latest_contact(spare[stuck], candidates[stuck], *seen)
+            spare[stuck] = self._of_latest_contact(spare[stuck], candidates[stuck], scene[stuck])
         largest = spare.amax(-1, keepdim=True)
         enough = torch.where(largest > 0.0, 0.0, largest - _TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
         nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
         return candidates[torch.arange(len(command), device=command.device), nearest]
 
-    def _of_latest_contact(
-        self, spare: Tensor, candidates: Tensor, points: Tensor, motion: Tensor
-    ) -> Tensor:
+    def _of_latest_contact(self, spare: Tensor, candidates: Tensor, scene: _Scene) -> Tensor:
         """Return ``spare [R, S]`` of the candidates whose first contact is latest, else -inf.
 
         The requested command, candidate 0, is preferred if it is one of them.
         """
-        outside = points.norm(dim=-1, keepdim=True) > self.radius
-        points = torch.where(outside, points, FAR)  # in contact already
-        step = self.times[0] / _CONTACT_CHECKS
-        times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(self.times))]
-        free = self._room(candidates, points, motion, times) > self.radius
+        outside = scene.points.norm(dim=-1, keepdim=True) > self.radius
+        points = torch.where(outside, scene.points, FAR)  # in contact already
+        times = self._times()
+        step = times[0] / _CONTACT_CHECKS
+        times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(times))]
+        free = self._room(candidates, replace(scene, points=points), times, None) > self.radius
         until = free.cumprod(-1).sum(-1)
         latest = until == until.amax(-1, keepdim=True)
         spare = torch.where(latest, spare, -math.inf)
         spare[:, 0] = torch.where(latest[:, 0], math.inf, spare[:, 0])
         return spare
 
-    def _spare(self, commands: Tensor, points: Tensor, motion: Tensor, required: Tensor) -> Tensor:
+    def _spare(self, commands: Tensor, scene: _Scene) -> Tensor:
         """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
-        return self._room(commands, points, motion, self.times, required).amin(-1)
+        return self._room(commands, scene, self._times(), scene.required).amin(-1)
 
     def _room(
-        self,
-        commands: Tensor,
-        points: Tensor,
-        motion: Tensor,
-        times: list[float],
-        required: Tensor | None = None,
+        self, commands: Tensor, scene: _Scene, times: list[float], required: Tensor | None
     ) -> Tensor:
         """Return the distance to the nearest point at each of T times, ``[N, S, T]`` m."""
-        driven = commands.unsqueeze(-2) * commands.new_tensor(times).unsqueeze(-1)  # m and rad
-        places = advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
-        return room_along(
-            places, points, motion, [time / self.time_step for time in times], required
-        )
+        base = self._known_base()
+        places = base.places(commands, scene.velocity, scene.given, times, self.time_step)
+        steps = [time / self.time_step for time in times]
+        return room_along(places, scene.points, scene.motion, steps, required)
+
+
+@dataclass
+class _Scene:
+    """Points, their motion and required distances, and the robot's motion, of N worlds."""
+
+    points: Tensor
+    motion: Tensor
+    required: Tensor
+    velocity: Tensor
+    given: Tensor
+
+    def __getitem__(self, rows: Tensor) -> _Scene:
+        return _Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def _check_sizes(

@@ -235,6 +235,14 @@ def test_episode_does_not_depend_on_its_world(simulator):
         assert a.contact[order].equal(b.contact)
 
 
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_each_world_moves_with_its_drawn_base(simulator):
+    robot = LimitedDrive(speed_cap=Uniform(0.2, 0.6))
+    state = make(simulator, robot).step(torch.tensor([[1.0, 0.0]]).expand(3, 2))
+    drawn = robot.draw(batch(1, 2, 3).noise_seed)[:, 4]
+    assert state.velocity[:, 0].tolist() == pytest.approx(drawn.tolist(), abs=1e-6)
+
+
 def test_subclass_with_own_motion_is_not_compiled():
     class Reluctant(DifferentialDrive):
         def advance(self, pose, velocity, command, duration, parameters=None):

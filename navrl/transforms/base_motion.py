@@ -1,0 +1,111 @@
+"""Prediction of a base's motion for commands, with its limits and delays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from navrl.ops.unicycle import advance_poses
+
+_MAX_SUBSTEP_S = 0.05  # of the prediction; the simulators use 0.02 s
+_TOLERANCE = 1e-6  # steps
+
+
+class Drive(Protocol):
+    """The part of :class:`navrl.sim.RobotModel` that a prediction needs."""
+
+    @property
+    def follows_commands(self) -> bool:
+        """Whether the base has the commanded velocity at once."""
+        ...
+
+    def rollout(
+        self, pose: Tensor, velocity: Tensor, commands: Tensor, duration: float
+    ) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities after each of S substeps."""
+        ...
+
+
+@dataclass(frozen=True)
+class Base:
+    """A base as a shield knows it: how it moves, and how old commands and scans are.
+
+    Args:
+        robot: Model of the motion, e.g. a :class:`navrl.sim.RobotModel`; of one with distributions
+            the nominal base is used.
+        command_delays_s: Delays of the speed and of the turn rate, s.
+        scan_age_s: Age of a scan, s, during which pedestrians have moved on.
+    """
+
+    robot: Drive
+    command_delays_s: tuple[float, float] = (0.0, 0.0)
+    scan_age_s: float = 0.0
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether commands take effect at once and in full."""
+        return self.robot.follows_commands and not any(self.command_delays_s)
+
+    def places(
+        self, commands: Tensor, velocity: Tensor, given: Tensor, times: Sequence[float], step: float
+    ) -> Tensor:
+        """Return where the base is at times from now, if it is given a command now.
+
+        Args:
+            commands: ``[N, S, 2]`` (v, w), the command given now, m/s and rad/s.
+            velocity: ``[N, 2]`` (v, w) now.
+            given: ``[N, D, 2]``, commands of the last D steps, latest first.
+            times: T multiples of the first one, s.
+            step: Time between two commands, s.
+
+        Returns:
+            ``[N, S, T, 2]`` m, robot frame now.
+        """
+        if self.is_ideal:
+            driven = commands.unsqueeze(-2) * commands.new_tensor(times).unsqueeze(-1)
+            return advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
+        per_check = math.ceil(times[0] / _MAX_SUBSTEP_S)
+        duration = times[0] / per_check
+        rows = [
+            self._active(commands, given, index * duration, step)
+            for index in range(per_check * len(times))
+        ]
+        start = commands.new_zeros(*commands.shape[:-1], 3)
+        now = velocity.to(commands).unsqueeze(1).expand_as(commands)
+        poses, _ = self.robot.rollout(start, now, torch.stack(rows), duration)
+        return poses[per_check - 1 :: per_check, ..., :2].movedim(0, -2)
+
+    def _active(self, commands: Tensor, given: Tensor, time: float, step: float) -> Tensor:
+        """Return the commands ``[N, S, 2]`` that apply ``time`` seconds from now."""
+        parts = []
+        for axis, delay in enumerate(self.command_delays_s):
+            late = math.ceil((delay - time) / step - _TOLERANCE)  # 0: the command given now
+            row = commands
+            if late > 0:
+                row = given[:, min(late, given.shape[1]) - 1, None].expand_as(commands)
+            parts.append(row[..., axis])
+        return torch.stack(parts, dim=-1)
+
+
+class _Kinematic:
+    """A base that has the commanded velocity at once."""
+
+    follows_commands = True
+
+    def rollout(
+        self, pose: Tensor, velocity: Tensor, commands: Tensor, duration: float
+    ) -> tuple[Tensor, Tensor]:
+        poses = []
+        for command in commands:
+            pose = advance_poses(pose, command, duration)
+            poses.append(pose)
+        return torch.stack(poses), commands
+
+
+IDEAL = Base(_Kinematic())
+"""A base without delays that has the commanded velocity at once."""
