@@ -1,4 +1,4 @@
-"""Delays of scans and commands, fixed or drawn per episode, in whole substeps of the simulator."""
+"""Delays of scans and commands, fixed or drawn per episode."""
 
 from __future__ import annotations
 

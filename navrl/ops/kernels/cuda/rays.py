@@ -23,7 +23,7 @@ def fill(row, value):
 
 @cuda.jit(device=True)
 def cast_faces(row, begin, end, cos, sin, faces, counts, num_boxes):
-    """Cast the beams ``begin .. end - 1`` of this thread against the faces found by all threads.
+    """Cast this thread's share of the beams ``begin .. end - 1`` against all faces found.
 
     ``faces`` [boxes, 2, 6] and ``counts`` are those of :func:`navrl.ops.kernels.rays.find_faces`.
     """
