@@ -17,13 +17,14 @@ from navrl.envs.rewards import Transition
 from navrl.ops.distance import point_box_distance
 from navrl.ops.path import path_length, project_onto_path
 from navrl.sim import Contact, Localization, SimState, Simulator
+from navrl.sim.localization import PoseMemory
 from navrl.worlds import MAX_PATH_POINTS, ScenarioBatch, ScenarioPool
 
 RewardTerm = Callable[[Transition], Tensor]
 
 _STATE = (
     *("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position"),
-    *("_ranges", "_outcome", "_poses"),
+    *("_ranges", "_outcome"),
 )
 
 
@@ -146,8 +147,8 @@ class NavigationEnv(EnvBase):
         # The last observation: a partial reset returns it for the other worlds.
         self._ranges = torch.zeros(n, self.simulator.lidar.num_beams, device=device)
         self._outcome = torch.full((n,), Outcome.RUNNING, dtype=torch.int64, device=device)
-        num_poses = self.localization.num_poses(self.simulator.time_step_s)
-        self._poses = torch.zeros(n, num_poses, 3, device=device)  # latest first
+        time_step_s = self.simulator.time_step_s
+        self._pose_memory = PoseMemory(self.localization, n, time_step_s, device)
         self._terms = {name: torch.zeros(n, 1, device=device) for name in self.rewards}
 
     def _make_specs(self) -> None:
@@ -198,22 +199,14 @@ class NavigationEnv(EnvBase):
         return {
             "simulator": self.simulator.state_dict(),
             "generator": self._generator.get_state(),
+            "past_poses": self._pose_memory.poses.clone(),
             "reward_terms": {name: value.clone() for name, value in self._terms.items()},
             **{name: getattr(self, name).clone() for name in _STATE},
         }
 
     def load_episode_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`episode_state` returned.
-
-        Raises:
-            ValueError: If it has another number of past poses than the localization needs.
-        """
-        num_poses = state.get("_poses", self._poses).shape[1]
-        if num_poses != self._poses.shape[1]:
-            raise ValueError(
-                f"localization: must need {num_poses} past poses as the loaded state, "
-                f"got {self._poses.shape[1]}"
-            )
+        """Restore what :meth:`episode_state` returned, of the same localization."""
+        self._pose_memory.load(state.get("past_poses"))
         self.simulator.load_state_dict(state["simulator"])
         self._generator.set_state(state["generator"])
         for name in _STATE:
@@ -251,8 +244,7 @@ class NavigationEnv(EnvBase):
         self._noise_seed = self._noise_seed.index_put((worlds,), batch.noise_seed)
         self._steps = self._steps.index_fill(0, worlds, 0)
         self._position = state.pose[:, :2]
-        start = state.pose[worlds, None].expand(-1, self._poses.shape[1], -1)
-        self._poses = self._poses.index_put((worlds,), start)
+        self._pose_memory.reset(worlds, state.pose)
         progress, _ = project_onto_path(path, self._position[worlds])
         self._progress = self._progress.index_put((worlds,), progress)
         # The other worlds repeat their last observation, which statistics of whole batches need.
@@ -273,8 +265,7 @@ class NavigationEnv(EnvBase):
         state = self.simulator.step(tensordict.get(keys.ACTION))
         ranges = self.simulator.ranges()
         self._steps = self._steps + 1
-        if not self.localization.is_exact:
-            self._poses = torch.cat((state.pose[:, None], self._poses[:, :-1]), dim=1)
+        self._pose_memory.push(state.pose)
         position, before = state.pose[:, :2], self._progress
         self._progress, _ = project_onto_path(self._path, position, before)
         self._position = position
@@ -314,19 +305,13 @@ class NavigationEnv(EnvBase):
         lidar = self.simulator.lidar
         return lidar.add_noise(ranges, self._noise_seed[worlds], self._steps[worlds])
 
-    def _reported_pose(self, state: SimState) -> Tensor:
-        if self.localization.is_exact:
-            return state.pose
-        episode = self._noise_seed, self._steps
-        return self.localization.report(self._poses, *episode, self.simulator.time_step_s)
-
     def _observe(
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
     ) -> TensorDict:
         self._ranges, self._outcome, self._terms = ranges, outcome, dict(terms)
         observation = {
             keys.RANGES: ranges,
-            keys.POSE: self._reported_pose(state),
+            keys.POSE: self._pose_memory.report(state.pose, self._noise_seed, self._steps),
             keys.PATH: self._path,
             keys.OUTCOME: outcome.unsqueeze(-1),
             keys.CONTACT: state.contact.unsqueeze(-1),
