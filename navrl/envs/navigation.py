@@ -41,12 +41,11 @@ class NavigationEnv(EnvBase):
     ========  ==================  ======================================================
     ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams in the lidar's frame
     pose      ``[N, 3]``          (x, y, yaw), world frame, as the localization reports it
+    measured  ``[N, beams]``      bool, false for blind beams; only if the lidar has such
     path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
     outcome   ``[N, 1]``          :class:`Outcome` of the last step
     contact   ``[N, 1]``          :class:`navrl.sim.Contact` of the last step
     ========  ==================  ======================================================
-
-    With a lidar that has blind beams also ``measured [N, beams]`` bool, false for these.
 
     With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
     [N, 1]``, the true state, and ``true_pose [N, 3]`` unless the localization is exact, for metrics

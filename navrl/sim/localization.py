@@ -132,7 +132,7 @@ class PoseMemory:
         """[N, R, 3] (x, y, yaw), latest first; R is 0 if the localization is exact."""
 
     def reset(self, worlds: Tensor, pose: Tensor) -> None:
-        """Fill the poses of the worlds [M] with their rows of ``pose`` [N, 3], a stationary past."""
+        """Fill the past of the worlds [M] with their rows of ``pose`` [N, 3]: stationary."""
         past = pose[worlds, None].expand(-1, self.poses.shape[1], -1)
         self.poses = self.poses.index_put((worlds,), past)
 
