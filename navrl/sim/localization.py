@@ -24,7 +24,7 @@ class Localization:
         age_s: Age of the reported pose, s. Between the poses of two steps x and y are interpolated
             linearly and the yaw along the shorter arc; the chord of a step of 0.2 s at 1 m/s and
             pi rad/s is within 1.6 cm of the arc. Before the start the robot was stationary there.
-        noise_m: Standard deviation of x and y, each drawn anew at every step, m.
+        noise_m: Standard deviation of x and y, each drawn at every step, m.
         noise_rad: The same for the yaw, rad.
         drift_m_per_s: Speed at which the reported position departs from the true one, in a
             direction that is drawn per episode, m/s.
