@@ -8,15 +8,17 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from navrl import keys
 from navrl.envs.outcome import Outcome, classify
 from navrl.envs.rewards import Transition
+from navrl.envs.specs import observation_spec
 from navrl.ops.distance import point_box_distance
 from navrl.ops.path import path_length, project_onto_path
 from navrl.sim import Contact, Localization, SimState, Simulator
+from navrl.sim.localization import PoseMemory
 from navrl.transforms.base_motion import Base
 from navrl.worlds import MAX_PATH_POINTS, ScenarioBatch, ScenarioPool
 
@@ -24,7 +26,7 @@ RewardTerm = Callable[[Transition], Tensor]
 
 _STATE = (
     *("_path", "_path_length", "_goal", "_noise_seed", "_steps", "_progress", "_position"),
-    *("_ranges", "_outcome", "_command", "_poses"),
+    *("_ranges", "_outcome", "_command"),
 )
 
 
@@ -45,12 +47,11 @@ class NavigationEnv(EnvBase):
     scan_motion ``[N, 2, 3]``     (x, y, yaw) of the robot at the first and at the last beam, in its
                                   present frame; zeros for a scan without age
     command   ``[N, C]``          command of the last step, zero after a reset
+    measured  ``[N, beams]``      bool, false for blind beams; only if the lidar has such
     path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
     outcome   ``[N, 1]``          :class:`Outcome` of the last step
     contact   ``[N, 1]``          :class:`navrl.sim.Contact` of the last step
     ========  ==================  ======================================================
-
-    With a lidar that has blind beams also ``measured [N, beams]`` bool, false for these.
 
     With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
     [N, 1]``, the true state, and ``true_pose [N, 3]`` unless the localization is exact, for metrics
@@ -160,49 +161,22 @@ class NavigationEnv(EnvBase):
         self._ranges = torch.zeros(n, self.simulator.lidar.num_beams, device=device)
         self._command = torch.zeros(n, self.simulator.robot.command_size, device=device)
         self._outcome = torch.full((n,), Outcome.RUNNING, dtype=torch.int64, device=device)
-        num_poses = self.localization.num_poses(self.simulator.time_step_s)
-        self._poses = torch.zeros(n, num_poses, 3, device=device)  # latest first
+        time_step_s = self.simulator.time_step_s
+        self._pose_memory = PoseMemory(self.localization, n, time_step_s, device)
         self._terms = {name: torch.zeros(n, 1, device=device) for name in self.rewards}
 
     def _make_specs(self) -> None:
-        n, device = self.simulator.num_worlds, self.device
-        lidar, robot = self.simulator.lidar, self.simulator.robot
-        rows, single = torch.Size([n]), torch.Size([n, 1])
-        codes = {"dtype": torch.int64, "device": device}
-        observation = {
-            keys.RANGES: Bounded(
-                0.0, lidar.max_range, shape=torch.Size((n, lidar.num_beams)), device=device
-            ),
-            keys.POSE: Unbounded(torch.Size((n, 3)), device=device),
-            keys.VELOCITY: Unbounded(torch.Size((n, robot.command_size)), device=device),
-            keys.SCAN_MOTION: Unbounded(torch.Size((n, 2, 3)), device=device),
-            keys.COMMAND: Unbounded(torch.Size((n, robot.command_size)), device=device),
-            keys.PATH: Unbounded(torch.Size((n, MAX_PATH_POINTS, 2)), device=device),
-            keys.OUTCOME: Categorical(len(Outcome), shape=single, **codes),
-            keys.CONTACT: Categorical(len(Contact), shape=single, **codes),
-            keys.REWARD_TERMS: Composite(
-                {name: Unbounded(single, device=device) for name in self.rewards}, shape=rows
-            ),
-        }
-        if not lidar.coverage.is_full:
-            beams = lidar.num_beams
-            observation[keys.MEASURED] = Binary(beams, (n, beams), dtype=torch.bool, device=device)
-        if self.privileged:
-            k = self.simulator.max_pedestrians
-            observation[keys.PEDESTRIAN_BOXES] = Unbounded(torch.Size((n, k, 5)), device=device)
-            observation[keys.PEDESTRIAN_CLEARANCE] = Unbounded(single, device=device)
-            if not self.localization.is_exact:
-                observation[keys.TRUE_POSE] = Unbounded(torch.Size((n, 3)), device=device)
-        self.observation_spec = Composite(observation, shape=rows, device=device)
-        low, high = (bound.expand(n, -1).contiguous() for bound in robot.bounds(device))
-        self.action_spec = Bounded(low, high, device=device)
-        self.reward_spec = Unbounded(single, device=device)
-        done = {"dtype": torch.bool, "device": device}
-        self.full_done_spec = Composite(
-            {key: Binary(1, single, **done) for key in ("done", "terminated", "truncated")},
-            shape=rows,
-            device=device,
+        n, device, rows = self.simulator.num_worlds, self.device, self.batch_size
+        self.observation_spec = observation_spec(
+            self.simulator, self.localization, list(self.rewards), self.privileged
         )
+        bounds = self.simulator.robot.bounds(device)
+        low, high = (bound.expand(n, -1).contiguous() for bound in bounds)
+        self.action_spec = Bounded(low, high, device=device)
+        self.reward_spec = Unbounded(torch.Size([n, 1]), device=device)
+        flag = Binary(1, torch.Size([n, 1]), dtype=torch.bool, device=device)
+        flags = {key: flag.clone() for key in ("done", "terminated", "truncated")}
+        self.full_done_spec = Composite(flags, shape=rows, device=device)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is None:
@@ -215,22 +189,14 @@ class NavigationEnv(EnvBase):
         return {
             "simulator": self.simulator.state_dict(),
             "generator": self._generator.get_state(),
+            "past_poses": self._pose_memory.poses.clone(),
             "reward_terms": {name: value.clone() for name, value in self._terms.items()},
             **{name: getattr(self, name).clone() for name in _STATE},
         }
 
     def load_episode_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`episode_state` returned.
-
-        Raises:
-            ValueError: If it has another number of past poses than the localization needs.
-        """
-        num_poses = state.get("_poses", self._poses).shape[1]
-        if num_poses != self._poses.shape[1]:
-            raise ValueError(
-                f"localization: must need {num_poses} past poses as the loaded state, "
-                f"got {self._poses.shape[1]}"
-            )
+        """Restore what :meth:`episode_state` returned, of the same localization."""
+        self._pose_memory.load(state.get("past_poses"))
         self.simulator.load_state_dict(state["simulator"])
         self._generator.set_state(state["generator"])
         for name in _STATE:
@@ -269,8 +235,7 @@ class NavigationEnv(EnvBase):
         self._steps = self._steps.index_fill(0, worlds, 0)
         self._command = self._command.index_fill(0, worlds, 0.0)
         self._position = state.pose[:, :2]
-        start = state.pose[worlds, None].expand(-1, self._poses.shape[1], -1)
-        self._poses = self._poses.index_put((worlds,), start)
+        self._pose_memory.reset(worlds, state.pose)
         progress, _ = project_onto_path(path, self._position[worlds])
         self._progress = self._progress.index_put((worlds,), progress)
         # The other worlds repeat their last observation, which statistics of whole batches need.
@@ -293,8 +258,7 @@ class NavigationEnv(EnvBase):
         self._command = command.float().clone()
         ranges = self.simulator.ranges()
         self._steps = self._steps + 1
-        if not self.localization.is_exact:
-            self._poses = torch.cat((state.pose[:, None], self._poses[:, :-1]), dim=1)
+        self._pose_memory.push(state.pose)
         position, before = state.pose[:, :2], self._progress
         self._progress, _ = project_onto_path(self._path, position, before)
         self._position = position
@@ -337,19 +301,13 @@ class NavigationEnv(EnvBase):
         lidar = self.simulator.lidar
         return lidar.add_noise(ranges, self._noise_seed[worlds], self._steps[worlds])
 
-    def _reported_pose(self, state: SimState) -> Tensor:
-        if self.localization.is_exact:
-            return state.pose
-        episode = self._noise_seed, self._steps
-        return self.localization.report(self._poses, *episode, self.simulator.time_step_s)
-
     def _observe(
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
     ) -> TensorDict:
         self._ranges, self._outcome, self._terms = ranges, outcome, dict(terms)
         observation = {
             keys.RANGES: ranges,
-            keys.POSE: self._reported_pose(state),
+            keys.POSE: self._pose_memory.report(state.pose, self._noise_seed, self._steps),
             keys.VELOCITY: state.velocity,
             keys.COMMAND: self._command,
             keys.SCAN_MOTION: self.simulator.scan_motion().float(),

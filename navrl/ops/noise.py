@@ -165,7 +165,12 @@ def beam_uniform(seed: Tensor, stream: int, step: Tensor, num_beams: int) -> Ten
 
 
 def mix(word: Tensor) -> Tensor:
-    """Apply the splitmix64 finalizer; int64 arithmetic wraps, right shifts fill with zeros."""
+    """Apply the splitmix64 finalizer; int64 arithmetic wraps, right shifts fill with zeros.
+
+    Example:
+        >>> mix(torch.tensor([0, 1]))
+        tensor([                  0, 6238072747940578789])
+    """
     word = (word ^ _shift_right(word, 30)) * _MIX_1
     word = (word ^ _shift_right(word, 27)) * _MIX_2
     return word ^ _shift_right(word, 31)

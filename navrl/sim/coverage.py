@@ -1,4 +1,4 @@
-"""Beams of a lidar that measure: field of view and sectors that the robot's own parts cover."""
+"""Field of view of a lidar, and sectors that the robot's own parts cover."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class Localization:
         age_s: Age of the reported pose, s. Between the poses of two steps x and y are interpolated
             linearly and the yaw along the shorter arc; the chord of a step of 0.2 s at 1 m/s and
             pi rad/s is within 1.6 cm of the arc. Before the start the robot was stationary there.
-        noise_m: Standard deviation of x and y, each drawn anew at every step, m.
+        noise_m: Standard deviation of x and y, each drawn at every step, m.
         noise_rad: The same for the yaw, rad.
         drift_m_per_s: Speed at which the reported position departs from the true one, in a
             direction that is drawn per episode, m/s.
@@ -111,3 +111,53 @@ class Localization:
         side = torch.where(draw("localization.drift_side", Uniform(-1.0, 1.0), seed) < 0.0, -1, 1)
         turn = side * draw("localization.drift_rad_per_s", self.drift_rad_per_s, seed) * time_s
         return torch.stack((distance * direction.cos(), distance * direction.sin(), turn), dim=-1)
+
+
+class PoseMemory:
+    """Poses of the last steps of N worlds, of which the localization reports one.
+
+    Args:
+        localization: Errors of the reported pose.
+        num_worlds: Number of worlds N.
+        time_step_s: Duration of a step, s.
+        device: Device of the poses.
+    """
+
+    def __init__(
+        self, localization: Localization, num_worlds: int, time_step_s: float, device: torch.device
+    ) -> None:
+        self._localization, self._time_step_s = localization, time_step_s
+        count = localization.num_poses(time_step_s)
+        self.poses = torch.zeros(num_worlds, count, 3, device=device)
+        """[N, R, 3] (x, y, yaw), latest first; R is 0 if the localization is exact."""
+
+    def reset(self, worlds: Tensor, pose: Tensor) -> None:
+        """Fill the past of the worlds [M] with their rows of ``pose`` [N, 3]: stationary."""
+        past = pose[worlds, None].expand(-1, self.poses.shape[1], -1)
+        self.poses = self.poses.index_put((worlds,), past)
+
+    def push(self, pose: Tensor) -> None:
+        """Add the poses [N, 3] after a step."""
+        if self.poses.shape[1] > 0:
+            self.poses = torch.cat((pose[:, None], self.poses[:, :-1]), dim=1)
+
+    def report(self, pose: Tensor, seed: Tensor, step: Tensor) -> Tensor:
+        """Return the reported pose [N, 3]: ``pose`` itself if the localization is exact."""
+        if self.poses.shape[1] == 0:
+            return pose
+        return self._localization.report(self.poses, seed, step, self._time_step_s)
+
+    def load(self, poses: Tensor | None) -> None:
+        """Restore :attr:`poses`; ``None`` (older states) for an exact localization.
+
+        Raises:
+            ValueError: If the localization needs another number of them.
+        """
+        count = 0 if poses is None else poses.shape[1]
+        if count != self.poses.shape[1]:
+            raise ValueError(
+                f"localization: must need {count} past poses as the loaded state, "
+                f"got {self.poses.shape[1]}"
+            )
+        if poses is not None:
+            self.poses = poses.to(self.poses.device, copy=True)

@@ -38,7 +38,7 @@ def test_numbers_of_beams_are_parts_of_one_hash():
         assert value == ((word >> (16 * (beam % 4))) % 65536) / 65536
 
 
-def test_share_of_dropouts_is_as_asked():
+def test_share_of_dropouts_equals_its_value():
     reported = report(dropout=0.05)
     dropped = reported == 3.5
     assert (reported[~dropped] == 2.0).all()

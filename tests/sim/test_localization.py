@@ -48,7 +48,7 @@ def test_number_of_past_poses(age, number):
     assert Localization().num_poses(0.2) == 0 and Localization().is_exact
 
 
-def test_noise_has_the_asked_deviation():
+def test_noise_has_its_standard_deviation():
     localization = Localization(noise_m=0.03, noise_rad=Uniform(0.0, 0.02))
     error = report(localization, [[1.0, 2.0, 0.5]], step=3) - torch.tensor([1.0, 2.0, 0.5])
     sizes = draw("localization.noise_rad", localization.noise_rad, SEED)
