@@ -12,10 +12,9 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from navrl import keys
+from navrl.envs.observations import observation_spec, privileged_observation
 from navrl.envs.outcome import Outcome, classify
 from navrl.envs.rewards import Transition
-from navrl.envs.specs import observation_spec
-from navrl.ops.distance import point_box_distance
 from navrl.ops.path import path_length, project_onto_path
 from navrl.sim import Contact, Localization, SimState, Simulator
 from navrl.sim.localization import PoseMemory
@@ -38,24 +37,22 @@ class NavigationEnv(EnvBase):
 
     **Observation** (transforms compute everything else):
 
-    ========  ==================  ======================================================
-    key       shape               meaning
-    ========  ==================  ======================================================
-    ranges    ``[N, beams]`` m    noisy scan, beam j at 2 pi j / beams in the lidar's frame
-    pose      ``[N, 3]``          (x, y, yaw), world frame, as the localization reports it
-    velocity  ``[N, C]``          velocity of the robot, e.g. (v, w), m/s and rad/s
-    scan_motion ``[N, 2, 3]``     (x, y, yaw) of the robot at the first and at the last beam, in its
-                                  present frame; zeros for a scan without age
-    command   ``[N, C]``          command of the last step, zero after a reset
-    measured  ``[N, beams]``      bool, false for blind beams; only if the lidar has such
-    path      ``[N, P, 2]`` m     global path, world frame, padded with the goal
-    outcome   ``[N, 1]``          :class:`Outcome` of the last step
-    contact   ``[N, 1]``          :class:`navrl.sim.Contact` of the last step
-    ========  ==================  ======================================================
+    ============  ================  ======================================================
+    key           shape             meaning
+    ============  ================  ======================================================
+    ranges        ``[N, beams]`` m  noisy scan, beam j at 2 pi j / beams in the lidar's frame
+    measured      ``[N, beams]``    bool, false for blind beams; only if the lidar has such
+    scan_motion   ``[N, 2, 3]``     robot at first and last beam, in its present frame
+    pose          ``[N, 3]``        (x, y, yaw), world frame, as the localization reports it
+    velocity      ``[N, C]``        velocity of the robot, e.g. (v, w), m/s and rad/s
+    command       ``[N, C]``        command of the last step, zero after a reset
+    path          ``[N, P, 2]`` m   global path, world frame, padded with the goal
+    outcome       ``[N, 1]``        :class:`Outcome` of the last step
+    contact       ``[N, 1]``        :class:`navrl.sim.Contact` of the last step
+    ============  ================  ======================================================
 
-    With ``privileged=True`` also ``pedestrian_boxes [N, K, 5]`` and ``pedestrian_clearance
-    [N, 1]``, the true state, and ``true_pose [N, 3]`` unless the localization is exact, for metrics
-    and privileged controllers.
+    With ``privileged=True`` also the true state, ``pedestrian_boxes [N, K, 5]``,
+    ``pedestrian_clearance [N, 1]`` and, unless the localization is exact, ``true_pose [N, 3]``.
 
     **Reward** ``[N, 1]``: the sum of the terms; each is in ``reward_terms`` too.
 
@@ -141,10 +138,8 @@ class NavigationEnv(EnvBase):
     @property
     def base(self) -> Base:
         """The base as a shield knows it: nominal limits and delays."""
-        delays = self.simulator.delays
-        return Base(
-            self.simulator.robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s
-        )
+        delays, robot = self.simulator.delays, self.simulator.robot
+        return Base(robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s)
 
     # --- specs and state -------------------------------------------------------------------------
 
@@ -171,8 +166,9 @@ class NavigationEnv(EnvBase):
             self.simulator, self.localization, list(self.rewards), self.privileged
         )
         bounds = self.simulator.robot.bounds(device)
-        low, high = (bound.expand(n, -1).contiguous() for bound in bounds)
-        self.action_spec = Bounded(low, high, device=device)
+        self.action_spec = Bounded(
+            *(row.expand(n, -1).contiguous() for row in bounds), device=device
+        )
         self.reward_spec = Unbounded(torch.Size([n, 1]), device=device)
         flag = Binary(1, torch.Size([n, 1]), dtype=torch.bool, device=device)
         flags = {key: flag.clone() for key in ("done", "terminated", "truncated")}
@@ -259,9 +255,9 @@ class NavigationEnv(EnvBase):
         ranges = self.simulator.ranges()
         self._steps = self._steps + 1
         self._pose_memory.push(state.pose)
-        position, before = state.pose[:, :2], self._progress
+        self._position = position = state.pose[:, :2]
+        before = self._progress
         self._progress, _ = project_onto_path(self._path, position, before)
-        self._position = position
         outcome = classify(
             state.contact,
             (self._goal - position).norm(dim=-1),
@@ -288,18 +284,12 @@ class NavigationEnv(EnvBase):
         truncated = (outcome == Outcome.TIMEOUT).unsqueeze(-1)
         terminated = (outcome != Outcome.RUNNING).unsqueeze(-1) & ~truncated
         reward = torch.stack(list(terms.values())).sum(0) if terms else torch.zeros_like(truncated)
-        return result.update(
-            {
-                "reward": reward.float(),
-                "terminated": terminated,
-                "truncated": truncated,
-                "done": terminated | truncated,
-            }
-        )
+        ends = {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
+        return result.update({"reward": reward.float(), **ends})
 
     def _noisy_ranges(self, ranges: Tensor, worlds: Tensor | slice) -> Tensor:
-        lidar = self.simulator.lidar
-        return lidar.add_noise(ranges, self._noise_seed[worlds], self._steps[worlds])
+        seeds, steps = self._noise_seed[worlds], self._steps[worlds]
+        return self.simulator.lidar.add_noise(ranges, seeds, steps)
 
     def _observe(
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
@@ -320,10 +310,6 @@ class NavigationEnv(EnvBase):
         if not coverage.is_full:
             observation[keys.MEASURED] = coverage.measured(self._noise_seed).contiguous()
         if self.privileged:
-            distance = point_box_distance(state.pose[:, :2], state.pedestrians)
-            clearance = distance.amin(dim=-1, keepdim=True) - self.simulator.robot.radius
-            observation[keys.PEDESTRIAN_BOXES] = state.pedestrians
-            observation[keys.PEDESTRIAN_CLEARANCE] = clearance.clamp_min(0.0)
-            if not self.localization.is_exact:
-                observation[keys.TRUE_POSE] = state.pose
+            radius = self.simulator.robot.radius
+            observation |= privileged_observation(state, radius, self.localization)
         return TensorDict(observation, self.batch_size, device=self.device)

@@ -1,15 +1,17 @@
-"""Specs of the observations of the navigation environment."""
+"""Observations of the navigation environment: their spec and the privileged ones."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import torch
+from torch import Tensor
 from torchrl.data import Binary, Bounded, Categorical, Composite, TensorSpec, Unbounded
 
 from navrl import keys
 from navrl.envs.outcome import Outcome
-from navrl.sim import Contact, Localization, Simulator
+from navrl.ops.distance import point_box_distance
+from navrl.sim import Contact, Localization, SimState, Simulator
 from navrl.worlds import MAX_PATH_POINTS
 
 
@@ -50,3 +52,22 @@ def observation_spec(
     rewards = {name: Unbounded(single, device=device) for name in terms}
     spec[keys.REWARD_TERMS] = Composite(rewards, shape=torch.Size((n,)))
     return Composite(spec, shape=torch.Size((n,)), device=device)
+
+
+def privileged_observation(
+    state: SimState, radius: float, localization: Localization
+) -> dict[str, Tensor]:
+    """Return the observations of the true state, for metrics and privileged controllers.
+
+    Args:
+        state: True state of N worlds.
+        radius: Radius of the robot, m.
+        localization: Errors of the observed pose; with some the true pose is included.
+    """
+    distance = point_box_distance(state.pose[:, :2], state.pedestrians)
+    clearance = distance.amin(dim=-1, keepdim=True) - radius
+    values = {
+        keys.PEDESTRIAN_BOXES: state.pedestrians,
+        keys.PEDESTRIAN_CLEARANCE: clearance.clamp_min(0.0),
+    }
+    return values if localization.is_exact else {**values, keys.TRUE_POSE: state.pose}
