@@ -66,10 +66,9 @@ def test_goal_pays_once():
     check(Goal(10.0), [10.0, 0.0], transition(reached=torch.tensor([True, False])))
 
 
-def test_smoothness_costs_changes_of_the_command_and_turning():
-    check(Smoothness(0.1, 0.0, 0.0), [0.0, -0.3])
-    check(Smoothness(0.0, 0.2, 0.0), [-0.2, -0.05])
-    check(Smoothness(0.0, 0.0, 0.01), [0.0, -0.02])
+def test_smoothness_costs_squared_changes_of_the_command():
+    check(Smoothness(0.1, 0.0), [0.0, -0.9])
+    check(Smoothness(0.0, 0.2), [-0.2, -0.2 * 0.25**2])
 
 
 def test_progress_rewards_meters():
