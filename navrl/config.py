@@ -18,7 +18,12 @@ from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from navrl.deprecation import renamed_attributes
+from navrl.deprecation import (
+    RENAMED_GROUPS,
+    check_groups,
+    renamed_attributes,
+    renamed_overrides,
+)
 from navrl.files import explain_os_error
 
 CONF_DIR = next(
@@ -83,11 +88,18 @@ def compose(config_name: str | None, overrides: Sequence[str] = ()) -> DictConfi
 
     Returns:
         The config; interpolations are resolved on access.
+
+    Raises:
+        ValueError: If a file of the user has a group under a deprecated name.
     """
+    overrides = renamed_overrides(overrides)
     if GlobalHydra.instance().is_initialized():  # in a command: use its search path
-        return hydra.compose(config_name, list(overrides))
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR)):
-        return hydra.compose(config_name, list(overrides))
+        cfg = hydra.compose(config_name, overrides)
+    else:
+        with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR)):
+            cfg = hydra.compose(config_name, overrides)
+    check_groups(cfg)
+    return cfg
 
 
 def options(group: str) -> list[str]:
@@ -172,12 +184,17 @@ def nearest_names(line: str, config_name: str) -> str:
     """
     option = re.search(r"Could not find '([\w/]+)/([^/']+)'", line)
     if option is not None:
-        return did_you_mean(option[2], options(option[1]))
+        old = [name for name, new in RENAMED_GROUPS.items() if new == option[1]]
+        moved = f"; your own options of {old[0]}/ belong in {option[1]}/ now" if old else ""
+        return did_you_mean(option[2], options(option[1])) or moved
     key = re.search(r"[Cc]ould not override '([^']+)'", line) or re.search(
         r"Key '([^']+)' is not in struct", line
     )
     if key is None:
         return ""
+    if key[1] in RENAMED_GROUPS:
+        new = RENAMED_GROUPS[key[1]]
+        return f"; the group is {new} now: write 'override /{new}' in this file"
     try:
         known = [name for name, _ in _leaves(compose(config_name))] + _groups()
     except Exception:  # the hint must never hide the error

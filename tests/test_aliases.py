@@ -1,26 +1,41 @@
 """Names of the release before resolve to their new homes, with a deprecation warning."""
 
+import sys
 import warnings
 from importlib import import_module
+from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 import navrl.build
 from navrl import factory, jobs
 from navrl.algos import GaussianExploration
 from navrl.config import compose, instantiate
-from navrl.deprecation import RENAMED_INPUTS, input_key, renamed_arguments
+from navrl.deprecation import (
+    RENAMED_INPUTS,
+    input_key,
+    renamed_arguments,
+    renamed_overrides,
+    taken_argument,
+)
 from navrl.factory.policy import make_runner, with_controller
+from navrl.factory.training import make_collector
+from navrl.jobs import claim_folder, resumed_config
 from navrl.networks import AttentionStream, CriticNetwork, VectorStream
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.policies.classical import DynamicWindow, SearchEffort
 from navrl.sim import Contact, DifferentialDrive, Simulator
+from navrl.training import Behavior, DirectCollector
 from navrl.transforms import ActionShield
 
 MOVED = {
     "navrl.config.hydra_main": "navrl.cli.command.hydra_main",
     "navrl.evaluation.metrics.run_into": "navrl.evaluation.metrics.hit_by_pedestrian",
+    "navrl.training.Behaviour": "navrl.training.behavior.Behavior",
+    "navrl.training.behaviour.Behaviour": "navrl.training.behavior.Behavior",
     "navrl.keys.WAYPOINT_INPUT": "navrl.keys.WAYPOINTS_SCALED",
     "navrl.networks.restraint.restrain": "navrl.networks.saturation.penalize_saturation",
     "navrl.ops.contact.RUN_INTO": "navrl.ops.contact.HIT_BY_PEDESTRIAN",
@@ -110,6 +125,106 @@ def test_renamed_config_keys_of_dwa_warn(old, new):
     assert 0.5 in instantiate(node).speed_range
     with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
         assert 0.5 in DynamicWindow(DifferentialDrive(), **{old: 0.5}).speed_range
+
+
+GROUP_WARNS = "config group behaviour is deprecated: use behavior"
+
+
+@pytest.mark.parametrize(
+    "old", ["behaviour=paper", "behaviour.guided_frames=1", "++behaviour.random_frames=0"]
+)
+def test_former_group_warns_and_has_its_effect(old):
+    with pytest.warns(FutureWarning, match=GROUP_WARNS):
+        composed = compose("train", [old])
+    assert composed == compose("train", [old.replace("behaviour", "behavior")])
+    assert composed != compose("train")
+
+
+@pytest.mark.parametrize("word", ["behaviour", "behaviours=1", "policy=behaviour", "--behaviour=1"])
+def test_other_words_of_a_command_are_unchanged(word):
+    assert renamed_overrides([word]) == [word]
+
+
+@pytest.mark.parametrize("prefix, rest", [("~", ""), ("+", "@x=paper"), ("~", "=paper")])
+def test_former_group_is_renamed_in_each_kind_of_override(prefix, rest):
+    with pytest.warns(FutureWarning, match=GROUP_WARNS):
+        words = renamed_overrides([f"{prefix}behaviour{rest}"])
+    assert words == [f"{prefix}behavior{rest}"]
+
+
+def train(monkeypatch, capsys, *words):
+    """Run ``navrl-train`` with these words; return its exit status and its last error line."""
+    monkeypatch.setattr(sys, "argv", ["navrl-train", *words])
+    status = 0
+    try:
+        import_module("navrl.cli.train").main()
+    except SystemExit as end:
+        status = end.code
+    shown = capsys.readouterr()
+    return status, (shown.out + shown.err).splitlines()[-1]
+
+
+def test_command_accepts_the_former_group(monkeypatch, capsys):
+    words = ["behaviour=paper", "behaviour.random_frames=7", "--cfg", "job", "--package"]
+    with pytest.warns(FutureWarning, match=GROUP_WARNS):
+        status, line = train(monkeypatch, capsys, *words, "behavior")
+    assert status == 0 and line == "random_frames: 7"
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("defaults: [override /behaviour: paper]", "write 'override /behavior' in this file"),
+        ("behaviour: {guided_frames: 1}", "navrl: behaviour: must be behavior, the present name"),
+    ],
+)
+def test_experiment_with_the_former_group_is_an_error(tmp_path, monkeypatch, capsys, text, message):
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text(f"# @package _global_\n{text}\n")
+    options = ["--config-dir", str(tmp_path), "experiment=mine"]
+    status, line = train(monkeypatch, capsys, *options, f"hydra.run.dir={tmp_path}/run")
+    assert status == 2 and message in line
+
+
+def test_own_option_in_the_former_folder_is_an_error(tmp_path, monkeypatch, capsys):
+    (tmp_path / "behaviour").mkdir()
+    (tmp_path / "behaviour" / "mine.yaml").write_text("guide: null\n")
+    options = ["--config-dir", str(tmp_path), "behavior=mine"]
+    status, line = train(monkeypatch, capsys, *options, f"hydra.run.dir={tmp_path}/run")
+    assert status == 2 and "options of behaviour/ belong in behavior/ now" in line
+
+
+def test_run_of_the_former_group_is_resumed(tmp_path):
+    text = OmegaConf.to_yaml(compose("train"))
+    former = text.replace("behavior", "behaviour").replace("Behavior", "Behaviour")
+    assert former.count("ehaviour") == 2
+    (tmp_path / "checkpoint").mkdir()
+    for name in ("config.yaml", "checkpoint/config.yaml"):
+        (tmp_path / name).write_text(former)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        resumed = resumed_config(tmp_path, compose("train"), [])
+        claim_folder(compose("train"), tmp_path)  # as the restarted job of a sweep does
+    assert OmegaConf.to_yaml(resumed) == text
+
+
+def test_collector_with_the_former_argument_is_built():
+    class Alternating(DirectCollector):
+        def __init__(self, make_env, behaviour, seed):
+            self.given = behaviour
+
+    assert taken_argument(DirectCollector, "behavior") == "behavior"
+    with pytest.warns(DeprecationWarning, match="Alternating: behaviour is deprecated"):
+        assert taken_argument(Alternating, "behavior") == "behaviour"
+    cfg = compose("train", ["network=small"])
+    cfg.collector._target_ = "former.Collector"
+    with (
+        mock.patch.dict(sys.modules, {"former": SimpleNamespace(Collector=Alternating)}),
+        pytest.warns(DeprecationWarning, match="call it behavior"),
+    ):
+        assert isinstance(make_collector(cfg, actor=torch.nn.Identity()).given, Behavior)
+    with pytest.warns(DeprecationWarning, match="behaviour is deprecated: use behavior"):
+        assert DirectCollector(lambda seed: seed, behaviour=1, seed=0).behavior == 1
 
 
 @pytest.mark.parametrize("name", zoo_names())

@@ -23,7 +23,7 @@ _UNUSED_PARTS = ("suite", "final_simulator", "deployment", "resume", "validation
 _SET_BY_ROWS = (
     *(f"schedule.{name}" for name in ("learning_starts", "total_frames", "checkpoint_every_s")),
     *("schedule.log_every_updates", "schedule.evaluate_every_updates"),
-    *("behaviour.random_frames", "replay.capacity"),
+    *("behavior.random_frames", "replay.capacity"),
 )
 
 
