@@ -14,9 +14,9 @@ from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.deprecation import renamed_arguments
 from navrl.envs.transformed import base_env
 from navrl.ops.kernels.threads import torch_on_one_thread
-from navrl.deprecation import renamed_arguments
 from navrl.training.behavior import Behavior
 
 MakeEnv = Callable[[int], TransformedEnv]
