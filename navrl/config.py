@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from navrl.deprecation import (
     RENAMED_GROUPS,
+    RENAMED_KEYS,
     check_groups,
     renamed_attributes,
     renamed_overrides,
@@ -148,6 +149,7 @@ def describe(error: BaseException) -> str:
     text = re.sub(r"\s+", " ", shown).strip()
     text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
     text = re.sub(rf"^In '({_BASE}/)?\w+': ", "", text.partition(" Config search path:")[0])
+    text = re.sub(r"\. To append to your config use \+controller\.\S*", ".", text)
     taken = re.match(r"'([\w/]+)' is validated against ConfigStore schema", text)
     if taken is not None:
         text = f"{taken[1]}: must have another name, navrl has an option of this one"
@@ -192,6 +194,9 @@ def nearest_names(line: str, config_name: str) -> str:
     )
     if key is None:
         return ""
+    group, _, name = key[1].partition(".")
+    if group == "controller":
+        return f"; {_change_of_controller(name)}"
     if key[1] in RENAMED_GROUPS:
         new = RENAMED_GROUPS[key[1]]
         return f"; the group is {new} now: write 'override /{new}' in this file"
@@ -200,6 +205,13 @@ def nearest_names(line: str, config_name: str) -> str:
     except Exception:  # the hint must never hide the error
         return ""
     return did_you_mean(key[1], {name for name in known if not name.endswith("_")})  # no _target_
+
+
+def _change_of_controller(key: str) -> str:
+    """Return how to change a key of a policy's controller, by its present name."""
+    *path, last = key.split(".")
+    present = ".".join([*path, RENAMED_KEYS.get(last, last)])
+    return f"+change.controller.{present}=... changes the policy's controller"
 
 
 def _groups() -> list[str]:

@@ -176,6 +176,13 @@ def renamed_overrides(words: Iterable[str]) -> list[str]:
 
 
 def _renamed_override(word: str) -> str:
+    """Return an override with the present names of its group and of a part's key."""
+    keys = "|".join(RENAMED_KEYS)
+    key = re.match(rf"((?:\+\+)?(?:transforms|deployment)\.(?:\w+\.)*)({keys})=", word)
+    if key is not None:
+        old, new = key[2], RENAMED_KEYS[key[2]]
+        warn(f"config key {old}", f"use {new}", stacklevel=5, category=FutureWarning)
+        return f"{key[1]}{new}{word[key.end(2) :]}"
     groups = "|".join(RENAMED_GROUPS)
     match = re.match(rf"([+]*|~)({groups})([.@][^=]*)?(=|$)", word)
     if match is None or (match[4] != "=" and match[1] != "~"):
@@ -241,6 +248,26 @@ def input_key(key: str, observed: Collection[str]) -> str:
     return next((old for old, new in RENAMED_INPUTS.items() if new == key and old in observed), key)
 
 
+def former_input(needed: Iterable[str], observed: Collection[str]) -> str | None:
+    """Return a message on the first missing network input that has its name of version 0.1.
+
+    Args:
+        needed: Keys that a network reads.
+        observed: Keys of its input.
+
+    Returns:
+        ``None`` if no missing key is observed under its former name.
+
+    Example:
+        >>> former_input(["spatial", "waypoints_scaled"], ["spatial", "waypoint"])
+        'waypoints_scaled: missing; waypoint is its name of version 0.1: rename it'
+    """
+    for old, new in RENAMED_INPUTS.items():
+        if new in needed and new not in observed and old in observed:
+            return f"{new}: missing; {old} is its name of version 0.1: rename it"
+    return None
+
+
 def renamed_inputs(node: Any) -> Any:
     """Return a copy of a bundle's configuration with the present names of network inputs.
 
@@ -277,10 +304,19 @@ class RenamedMembers(EnumType):
 
     def __getattr__(cls, name: str) -> Any:
         """Return the member that replaces ``name``."""
-        new = _MEMBERS.get((cls.__name__, name))
-        if new is None:
+        if (cls.__name__, name) not in _MEMBERS:
             raise AttributeError(f"type object {cls.__name__!r} has no attribute {name!r}")
-        warn(f"{cls.__name__}.{name}", f"use {cls.__name__}.{new}")
+        return cls._renamed(name, stacklevel=4)
+
+    def __getitem__(cls, name: str) -> Any:
+        """Return the member of this name, or the one that replaces it."""
+        if (cls.__name__, name) not in _MEMBERS:
+            return super().__getitem__(name)
+        return cls._renamed(name, stacklevel=4)
+
+    def _renamed(cls, name: str, stacklevel: int) -> Any:
+        new = _MEMBERS[cls.__name__, name]
+        warn(f"{cls.__name__}.{name}", f"use {cls.__name__}.{new}", stacklevel)
         return cls[new]
 
 

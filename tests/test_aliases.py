@@ -2,13 +2,16 @@
 
 import sys
 import warnings
+from functools import partial
 from importlib import import_module
 from types import SimpleNamespace
 from unittest import mock
 
 import pytest
 import torch
+from evaluated import HIT, WON, write_evaluation
 from omegaconf import OmegaConf
+from tensordict import TensorDict
 
 import navrl.build
 from navrl import factory, jobs
@@ -21,10 +24,11 @@ from navrl.deprecation import (
     renamed_overrides,
     taken_argument,
 )
+from navrl.evaluation import compare, metrics_markdown
 from navrl.factory.policy import make_runner, with_controller
 from navrl.factory.training import make_collector
 from navrl.jobs import claim_folder, resumed_config
-from navrl.networks import AttentionStream, CriticNetwork, VectorStream
+from navrl.networks import AttentionStream, CriticNetwork, StreamEncoder, VectorStream, make_critic
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.policies.classical import DynamicWindow, SearchEffort
 from navrl.sim import Contact, DifferentialDrive, Simulator
@@ -87,6 +91,14 @@ def test_renamed_contact_code_warns_and_resolves():
     assert "RUN_INTO" not in Contact.__members__
     with pytest.raises(AttributeError, match="NO_SUCH_CODE"):
         _ = Contact.NO_SUCH_CODE
+
+
+def test_renamed_contact_code_is_found_by_name():
+    with pytest.warns(DeprecationWarning, match=r"RUN_INTO is deprecated: use Contact.HIT_BY_PED"):
+        assert Contact["RUN_INTO"] is Contact.HIT_BY_PEDESTRIAN
+    assert Contact["STATIC"] is Contact.STATIC
+    with pytest.raises(KeyError, match="NO_SUCH_CODE"):
+        _ = Contact["NO_SUCH_CODE"]
 
 
 def test_action_size_of_the_exploration_warns():
@@ -152,12 +164,12 @@ def test_former_group_is_renamed_in_each_kind_of_override(prefix, rest):
     assert words == [f"{prefix}behavior{rest}"]
 
 
-def train(monkeypatch, capsys, *words):
-    """Run ``navrl-train`` with these words; return its exit status and its last error line."""
-    monkeypatch.setattr(sys, "argv", ["navrl-train", *words])
+def run(command, words, monkeypatch, capsys):
+    """Run a command with these words; return its exit status and its last line."""
+    monkeypatch.setattr(sys, "argv", [f"navrl-{command}", *words])
     status = 0
     try:
-        import_module("navrl.cli.train").main()
+        import_module(f"navrl.cli.{command}").main()
     except SystemExit as end:
         status = end.code
     shown = capsys.readouterr()
@@ -167,7 +179,7 @@ def train(monkeypatch, capsys, *words):
 def test_command_accepts_the_former_group(monkeypatch, capsys):
     words = ["behaviour=paper", "behaviour.random_frames=7", "--cfg", "job", "--package"]
     with pytest.warns(FutureWarning, match=GROUP_WARNS):
-        status, line = train(monkeypatch, capsys, *words, "behavior")
+        status, line = run("train", [*words, "behavior"], monkeypatch, capsys)
     assert status == 0 and line == "random_frames: 7"
 
 
@@ -182,7 +194,8 @@ def test_experiment_with_the_former_group_is_an_error(tmp_path, monkeypatch, cap
     (tmp_path / "experiment").mkdir()
     (tmp_path / "experiment" / "mine.yaml").write_text(f"# @package _global_\n{text}\n")
     options = ["--config-dir", str(tmp_path), "experiment=mine"]
-    status, line = train(monkeypatch, capsys, *options, f"hydra.run.dir={tmp_path}/run")
+    words = [*options, f"hydra.run.dir={tmp_path}/run"]
+    status, line = run("train", words, monkeypatch, capsys)
     assert status == 2 and message in line
 
 
@@ -190,7 +203,8 @@ def test_own_option_in_the_former_folder_is_an_error(tmp_path, monkeypatch, caps
     (tmp_path / "behaviour").mkdir()
     (tmp_path / "behaviour" / "mine.yaml").write_text("guide: null\n")
     options = ["--config-dir", str(tmp_path), "behavior=mine"]
-    status, line = train(monkeypatch, capsys, *options, f"hydra.run.dir={tmp_path}/run")
+    words = [*options, f"hydra.run.dir={tmp_path}/run"]
+    status, line = run("train", words, monkeypatch, capsys)
     assert status == 2 and "options of behaviour/ belong in behavior/ now" in line
 
 
@@ -225,6 +239,55 @@ def test_collector_with_the_former_argument_is_built():
         assert isinstance(make_collector(cfg, actor=torch.nn.Identity()).given, Behavior)
     with pytest.warns(DeprecationWarning, match="behaviour is deprecated: use behavior"):
         assert DirectCollector(lambda seed: seed, behaviour=1, seed=0).behavior == 1
+
+
+@pytest.mark.parametrize("key", ["least_speed", "most_speed", "margins.greed", "clearance"])
+def test_override_of_a_controller_names_the_change(key, monkeypatch, capsys):
+    present = key.replace("least_", "min_descriptor_").replace("most_", "max_descriptor_")
+    change = f"+change.controller.{present.replace('greed', 'heuristic_weight')}="
+    for prefix in ("", "+"):
+        words = [f"{prefix}controller.{key}=2", "policy=dwa", "hydra.run.dir=."]
+        status, line = run("evaluate", words, monkeypatch, capsys)
+        assert status == 2 and f"; {change}" in line and "use +controller" not in line
+
+
+@pytest.mark.parametrize("group", ["transforms", "deployment.transforms"])
+def test_former_key_of_a_transform_is_renamed(group):
+    with pytest.warns(FutureWarning, match="least_speed is deprecated: use min_descriptor_speed"):
+        words = renamed_overrides([f"{group}.action_shield.least_speed=0.5"])
+    assert words == [f"{group}.action_shield.min_descriptor_speed=0.5"]
+
+
+@pytest.mark.parametrize("name", zoo_names())
+def test_actor_names_the_present_key_of_a_former_input(name):
+    actor = load_bundle(ZOO / name).actor
+    (former,) = (old for old, new in RENAMED_INPUTS.items() if new == "waypoints_scaled")
+    observed = TensorDict({key: torch.zeros(1) for key in actor.in_keys}, [1])
+    observed = observed.rename_key_("waypoints_scaled", former)
+    with pytest.raises(KeyError, match=f"waypoints_scaled: missing; {former} is its name of ver"):
+        actor(observed)
+    with pytest.raises(KeyError, match="not found") as error:
+        actor(observed.exclude(former))
+    assert "its name of version" not in str(error.value)
+
+
+def test_critic_names_the_present_key_of_a_former_input():
+    shapes = {"goal_position_scaled": [2]}
+    goal = partial(VectorStream, in_key="goal_position_scaled", hidden=[4])
+    critic = make_critic(partial(StreamEncoder, streams={"goal": goal}), shapes)
+    observed = TensorDict({"action": torch.zeros(1, 2), "goal": torch.zeros(1, 2)}, [1])
+    with pytest.raises(KeyError, match="goal_position_scaled: missing; goal is its name"):
+        critic(observed)
+    values = {"action": torch.zeros(1, 2), "goal_position_scaled": torch.zeros(1, 2)}
+    assert critic(**values).shape == (1, 1)  # by keyword, as before
+
+
+@pytest.mark.parametrize("names", [["hit_by_pedestrian", "run_into"], ["spl", "spl"]])
+def test_metric_listed_twice_is_an_error(tmp_path, names):
+    write_evaluation(tmp_path / "a", "paper", [WON, HIT])
+    (table,) = compare([tmp_path])
+    with pytest.raises(ValueError, match=rf"^metrics=\['{names[0]}'\]: must be listed once"):
+        metrics_markdown(table, names)
 
 
 @pytest.mark.parametrize("name", zoo_names())

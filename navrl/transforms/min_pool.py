@@ -108,7 +108,7 @@ class MinPool(ObservationMap):
         if len(self.out_keys) == len(self.OUTPUTS):
             return pooled
         seen = self.layout(ranges.shape[-1]).seen().to(ranges.device)
-        return (*pooled, seen.expand(pooled.returns.shape).clone())
+        return (*pooled, seen | pooled.returns)  # an off-center scanner has returns in other bins
 
     def map_specs(self, ranges: TensorSpec) -> Sequence[TensorSpec]:
         """Return the specs of pooled ranges, points, returns and, if requested, seen.
