@@ -20,8 +20,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from navrl.deprecation import (
     RENAMED_GROUPS,
-    RENAMED_KEYS,
     check_groups,
+    present_key,
     renamed_attributes,
     renamed_overrides,
 )
@@ -196,7 +196,7 @@ def nearest_names(line: str, config_name: str) -> str:
         return ""
     group, _, name = key[1].partition(".")
     if group == "controller":
-        return f"; {_change_of_controller(name)}"
+        return f"; +change.controller.{present_key(name)}=... changes the policy's controller"
     if key[1] in RENAMED_GROUPS:
         new = RENAMED_GROUPS[key[1]]
         return f"; the group is {new} now: write 'override /{new}' in this file"
@@ -205,13 +205,6 @@ def nearest_names(line: str, config_name: str) -> str:
     except Exception:  # the hint must never hide the error
         return ""
     return did_you_mean(key[1], {name for name in known if not name.endswith("_")})  # no _target_
-
-
-def _change_of_controller(key: str) -> str:
-    """Return how to change a key of a policy's controller, by its present name."""
-    *path, last = key.split(".")
-    present = ".".join([*path, RENAMED_KEYS.get(last, last)])
-    return f"+change.controller.{present}=... changes the policy's controller"
 
 
 def _groups() -> list[str]:

@@ -160,6 +160,16 @@ def renamed_keys(node: Any, is_silent: bool = False) -> Any:
     }
 
 
+def present_key(key: str) -> str:
+    """Return a dotted configuration key with the present names of its parts.
+
+    Example:
+        >>> present_key("efforts.0.greed")
+        'efforts.0.heuristic_weight'
+    """
+    return ".".join(RENAMED_KEYS.get(part, part) for part in key.split("."))
+
+
 def renamed_overrides(words: Iterable[str]) -> list[str]:
     """Return the words of a command line with the present names of configuration groups.
 

@@ -24,7 +24,7 @@ from navrl.deprecation import (
     renamed_overrides,
     taken_argument,
 )
-from navrl.evaluation import compare, metrics_markdown
+from navrl.evaluation import compare, find_evaluations, metrics_markdown
 from navrl.factory.policy import make_runner, with_controller
 from navrl.factory.training import make_collector
 from navrl.jobs import claim_folder, resumed_config
@@ -241,7 +241,7 @@ def test_collector_with_the_former_argument_is_built():
         assert DirectCollector(lambda seed: seed, behaviour=1, seed=0).behavior == 1
 
 
-@pytest.mark.parametrize("key", ["least_speed", "most_speed", "margins.greed", "clearance"])
+@pytest.mark.parametrize("key", ["least_speed", "most_speed", "efforts.0.greed", "clearance"])
 def test_override_of_a_controller_names_the_change(key, monkeypatch, capsys):
     present = key.replace("least_", "min_descriptor_").replace("most_", "max_descriptor_")
     change = f"+change.controller.{present.replace('greed', 'heuristic_weight')}="
@@ -260,13 +260,14 @@ def test_former_key_of_a_transform_is_renamed(group):
 
 @pytest.mark.parametrize("name", zoo_names())
 def test_actor_names_the_present_key_of_a_former_input(name):
-    actor = load_bundle(ZOO / name).actor
-    (former,) = (old for old, new in RENAMED_INPUTS.items() if new == "waypoints_scaled")
-    observed = TensorDict({key: torch.zeros(1) for key in actor.in_keys}, [1])
-    observed = observed.rename_key_("waypoints_scaled", former)
-    with pytest.raises(KeyError, match=f"waypoints_scaled: missing; {former} is its name of ver"):
+    bundle = load_bundle(ZOO / name)
+    actor, shapes = bundle.actor, bundle.config["actor"]["shapes"]
+    former, present = next(names for names in RENAMED_INPUTS.items() if names[1] in actor.in_keys)
+    observed = TensorDict({key: torch.zeros(1, *shapes[key]) for key in actor.in_keys}, [1])
+    observed = observed.rename_key_(present, former)
+    with pytest.raises(KeyError, match=f"{present}: missing; {former} is its name of version"):
         actor(observed)
-    with pytest.raises(KeyError, match="not found") as error:
+    with pytest.raises(KeyError, match=present) as error:
         actor(observed.exclude(former))
     assert "its name of version" not in str(error.value)
 
@@ -285,7 +286,7 @@ def test_critic_names_the_present_key_of_a_former_input():
 @pytest.mark.parametrize("names", [["hit_by_pedestrian", "run_into"], ["spl", "spl"]])
 def test_metric_listed_twice_is_an_error(tmp_path, names):
     write_evaluation(tmp_path / "a", "paper", [WON, HIT])
-    (table,) = compare([tmp_path])
+    (table,) = compare(find_evaluations([tmp_path]))
     with pytest.raises(ValueError, match=rf"^metrics=\['{names[0]}'\]: must be listed once"):
         metrics_markdown(table, names)
 

@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from navrl.config import compose, instantiate
-from navrl.deprecation import RENAMED_KEYS
+from navrl.deprecation import present_key
 from navrl.evaluation.kept import KEPT
 from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
@@ -88,10 +88,9 @@ def check_policy(cfg: DictConfig, is_bundle: bool) -> None:
                 f"{', '.join(f'change.{name}' for name in allowed)}"
             )
     for key, value in flat_values(cfg.get("controller") or {}).items():
-        present = RENAMED_KEYS.get(key, key)
         raise ValueError(
-            f"controller.{key}={value}: no effect; +change.controller.{present}={value} changes "
-            "the policy's controller"
+            f"controller.{key}={value}: no effect; +change.controller.{present_key(key)}={value} "
+            "changes the policy's controller"
         )
     for key, value in _overridden(cfg, PARTS if is_bundle else ()):
         part = key.partition(".")[0]

@@ -119,11 +119,11 @@ class NetworkModule(TensorDictModule):
         """Call the network on a TensorDict, or on the values of its keys.
 
         Raises:
-            KeyError: If an input is missing.
+            KeyError: If an input is missing and its former name is present.
         """
         try:
             return super().forward(*args, **kwargs)
-        except KeyError as error:
+        except Exception as error:  # tensordict passes None for a missing key
             given = args[0] if args else kwargs.get("tensordict")
             hint = former_input(self.in_keys, given.keys() if is_tensor_collection(given) else ())
             if hint is None:

@@ -58,7 +58,8 @@ class ScenarioDistribution:
         ranges = {"num_dynamic": num_dynamic, "num_static": num_static, "speed": speed}
         for name, bounds in ranges.items():
             if np.shape(bounds) != (2,) or not 0 <= bounds[0] <= bounds[1] < np.inf:
-                raise ValueError(f"{name}={bounds}: must be two finite numbers, 0 <= min <= max")
+                shown = np.array(bounds).tolist()
+                raise ValueError(f"{name}={shown}: must be two finite numbers, 0 <= min <= max")
             if name != "speed" and any(int(bound) != bound for bound in bounds):
                 raise ValueError(f"{name}={list(bounds)}: must be integers")
         if np.shape(half_size) != (2,):

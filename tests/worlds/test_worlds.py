@@ -237,7 +237,7 @@ def test_pool_draws_are_reproducible_and_cached(tmp_path):
         (lambda: Corridor(length=(8, 6)), r"length=\[8, 6\]"),
         (lambda: Office(door=3.0), r"door=3.0"),
         (lambda: distribution("corridor", speed=(1.0, 0.5)), r"speed=\[1.0, 0.5\]"),
-        (lambda: distribution("corridor", speed=(0.5,)), r"speed=\(0.5,\): must be two"),
+        (lambda: distribution("corridor", speed=(0.5,)), r"speed=\[0.5\]: must be two"),
         (lambda: distribution("corridor", speed=0.5), r"speed=0.5: must be two"),
         (lambda: distribution("corridor", speed=(0.5, 1.0, 2.0)), r"speed=.*: must be two"),
         (lambda: distribution("corridor", speed=(0.5, math.inf)), r"speed=.*: must be two finite"),
