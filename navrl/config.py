@@ -18,7 +18,13 @@ from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from navrl.deprecation import renamed_attributes
+from navrl.deprecation import (
+    RENAMED_GROUPS,
+    check_groups,
+    present_key,
+    renamed_attributes,
+    renamed_overrides,
+)
 from navrl.files import explain_os_error
 
 CONF_DIR = next(
@@ -83,11 +89,18 @@ def compose(config_name: str | None, overrides: Sequence[str] = ()) -> DictConfi
 
     Returns:
         The config; interpolations are resolved on access.
+
+    Raises:
+        ValueError: If a file of the user has a group under a deprecated name.
     """
+    overrides = renamed_overrides(overrides)
     if GlobalHydra.instance().is_initialized():  # in a command: use its search path
-        return hydra.compose(config_name, list(overrides))
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR)):
-        return hydra.compose(config_name, list(overrides))
+        cfg = hydra.compose(config_name, overrides)
+    else:
+        with hydra.initialize_config_dir(version_base="1.3", config_dir=str(CONF_DIR)):
+            cfg = hydra.compose(config_name, overrides)
+    check_groups(cfg)
+    return cfg
 
 
 def options(group: str) -> list[str]:
@@ -136,6 +149,7 @@ def describe(error: BaseException) -> str:
     text = re.sub(r"\s+", " ", shown).strip()
     text = re.sub(r"(full_key|object_type|reference_type)[:=] ?\S*", "", text).strip()
     text = re.sub(rf"^In '({_BASE}/)?\w+': ", "", text.partition(" Config search path:")[0])
+    text = re.sub(r"\. To append to your config use \+controller\.\S*", ".", text)
     taken = re.match(r"'([\w/]+)' is validated against ConfigStore schema", text)
     if taken is not None:
         text = f"{taken[1]}: must have another name, navrl has an option of this one"
@@ -172,12 +186,20 @@ def nearest_names(line: str, config_name: str) -> str:
     """
     option = re.search(r"Could not find '([\w/]+)/([^/']+)'", line)
     if option is not None:
-        return did_you_mean(option[2], options(option[1]))
+        old = [name for name, new in RENAMED_GROUPS.items() if new == option[1]]
+        moved = f"; your own options of {old[0]}/ belong in {option[1]}/ now" if old else ""
+        return did_you_mean(option[2], options(option[1])) or moved
     key = re.search(r"[Cc]ould not override '([^']+)'", line) or re.search(
         r"Key '([^']+)' is not in struct", line
     )
     if key is None:
         return ""
+    group, _, name = key[1].partition(".")
+    if group == "controller":
+        return f"; +change.controller.{present_key(name)}=... changes the policy's controller"
+    if key[1] in RENAMED_GROUPS:
+        new = RENAMED_GROUPS[key[1]]
+        return f"; the group is {new} now: write 'override /{new}' in this file"
     try:
         known = [name for name, _ in _leaves(compose(config_name))] + _groups()
     except Exception:  # the hint must never hide the error

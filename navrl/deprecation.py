@@ -7,8 +7,10 @@ keys cause a :class:`FutureWarning`, which it shows to everyone.
 from __future__ import annotations
 
 import functools
+import inspect
+import re
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from enum import EnumType
 from importlib import import_module
 from typing import Any
@@ -19,6 +21,9 @@ RENAMED_KEYS = {
     "greed": "heuristic_weight",
 }
 """Configuration keys of version 0.1, anywhere in a node of a policy, and their present names."""
+
+RENAMED_GROUPS = {"behaviour": "behavior"}
+"""Configuration groups of version 0.1, and their present names."""
 
 RENAMED_INPUTS = {
     "waypoint": "waypoints_scaled",
@@ -112,6 +117,27 @@ def renamed_arguments(**names: str | None) -> Callable[[Callable], Callable]:
     return decorate
 
 
+def taken_argument(function: Callable, name: str) -> str:
+    """Return the name under which a user's class or function takes an argument.
+
+    Args:
+        function: Class or function written for this version or for 0.1.
+        name: Present name of the argument.
+
+    Example:
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore")
+        ...     taken_argument(lambda make_env, behaviour: None, "behavior")
+        'behaviour'
+    """
+    taken = inspect.signature(function).parameters
+    for old, new in RENAMED_GROUPS.items():
+        if new == name and old in taken and new not in taken:
+            warn(f"{function.__qualname__}: {old}", f"call it {new}")
+            return old
+    return name
+
+
 def renamed_keys(node: Any, is_silent: bool = False) -> Any:
     """Return a copy of a configuration node with the present names of its keys.
 
@@ -132,6 +158,80 @@ def renamed_keys(node: Any, is_silent: bool = False) -> Any:
     return {
         RENAMED_KEYS.get(name, name): renamed_keys(value, is_silent) for name, value in node.items()
     }
+
+
+def present_key(key: str) -> str:
+    """Return a dotted configuration key with the present names of its parts.
+
+    Example:
+        >>> present_key("efforts.0.greed")
+        'efforts.0.heuristic_weight'
+    """
+    return ".".join(RENAMED_KEYS.get(part, part) for part in key.split("."))
+
+
+def renamed_overrides(words: Iterable[str]) -> list[str]:
+    """Return the words of a command line with the present names of configuration groups.
+
+    Args:
+        words: Hydra overrides and options.
+
+    Example:
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore")
+        ...     renamed_overrides(["behaviour=paper", "++behaviour.random_frames=0", "seed=1"])
+        ['behavior=paper', '++behavior.random_frames=0', 'seed=1']
+    """
+    return [_renamed_override(word) for word in words]
+
+
+def _renamed_override(word: str) -> str:
+    """Return an override with the present names of its group and of a part's key."""
+    keys = "|".join(RENAMED_KEYS)
+    key = re.match(rf"((?:\+\+)?(?:transforms|deployment)\.(?:\w+\.)*)({keys})=", word)
+    if key is not None:
+        old, new = key[2], RENAMED_KEYS[key[2]]
+        warn(f"config key {old}", f"use {new}", stacklevel=5, category=FutureWarning)
+        return f"{key[1]}{new}{word[key.end(2) :]}"
+    groups = "|".join(RENAMED_GROUPS)
+    match = re.match(rf"([+]*|~)({groups})([.@][^=]*)?(=|$)", word)
+    if match is None or (match[4] != "=" and match[1] != "~"):
+        return word  # another override, or a word that belongs to an option
+    old, new = match[2], RENAMED_GROUPS[match[2]]
+    warn(f"config group {old}", f"use {new}", stacklevel=5, category=FutureWarning)
+    return f"{match[1]}{new}{word[match.end(2) :]}"
+
+
+def renamed_groups(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a stored configuration with the present names of its groups, without a warning.
+
+    Args:
+        config: Configuration of a run, as plain data.
+
+    Example:
+        >>> renamed_groups({"behaviour": {"_target_": "navrl.training.Behaviour"}, "seed": 0})
+        {'behavior': {'_target_': 'navrl.training.Behavior'}, 'seed': 0}
+    """
+    renamed = {RENAMED_GROUPS.get(name, name): value for name, value in config.items()}
+    target = "navrl.training.Behaviour"
+    for node in renamed.values():
+        if isinstance(node, dict) and node.get("_target_") == target:
+            node["_target_"] = "navrl.training.Behavior"
+    return renamed
+
+
+def check_groups(config: Mapping[Any, Any]) -> None:
+    """Check that a composed configuration has no group under a deprecated name.
+
+    Args:
+        config: Composed configuration; a file of the user may have added the group.
+
+    Raises:
+        ValueError: If it has one.
+    """
+    for old, new in RENAMED_GROUPS.items():
+        if old in config:
+            raise ValueError(f"{old}: must be {new}, the present name of this configuration group")
 
 
 def input_key(key: str, observed: Collection[str]) -> str:
@@ -156,6 +256,26 @@ def input_key(key: str, observed: Collection[str]) -> str:
         warn(f"input key {key}", f"use {present}")
         return present
     return next((old for old, new in RENAMED_INPUTS.items() if new == key and old in observed), key)
+
+
+def former_input(needed: Iterable[str], observed: Collection[str]) -> str | None:
+    """Return a message on the first missing network input that has its name of version 0.1.
+
+    Args:
+        needed: Keys that a network reads.
+        observed: Keys of its input.
+
+    Returns:
+        ``None`` if no missing key is observed under its former name.
+
+    Example:
+        >>> former_input(["spatial", "waypoints_scaled"], ["spatial", "waypoint"])
+        'waypoints_scaled: missing; waypoint is its name of version 0.1: rename it'
+    """
+    for old, new in RENAMED_INPUTS.items():
+        if new in needed and new not in observed and old in observed:
+            return f"{new}: missing; {old} is its name of version 0.1: rename it"
+    return None
 
 
 def renamed_inputs(node: Any) -> Any:
@@ -194,10 +314,19 @@ class RenamedMembers(EnumType):
 
     def __getattr__(cls, name: str) -> Any:
         """Return the member that replaces ``name``."""
-        new = _MEMBERS.get((cls.__name__, name))
-        if new is None:
+        if (cls.__name__, name) not in _MEMBERS:
             raise AttributeError(f"type object {cls.__name__!r} has no attribute {name!r}")
-        warn(f"{cls.__name__}.{name}", f"use {cls.__name__}.{new}")
+        return cls._renamed(name, stacklevel=4)
+
+    def __getitem__(cls, name: str) -> Any:
+        """Return the member of this name, or the one that replaces it."""
+        if (cls.__name__, name) not in _MEMBERS:
+            return super().__getitem__(name)
+        return cls._renamed(name, stacklevel=4)
+
+    def _renamed(cls, name: str, stacklevel: int) -> Any:
+        new = _MEMBERS[cls.__name__, name]
+        warn(f"{cls.__name__}.{name}", f"use {cls.__name__}.{new}", stacklevel)
         return cls[new]
 
 

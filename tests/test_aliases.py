@@ -1,26 +1,45 @@
 """Names of the release before resolve to their new homes, with a deprecation warning."""
 
+import sys
 import warnings
+from functools import partial
 from importlib import import_module
+from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 import torch
+from evaluated import HIT, WON, write_evaluation
+from omegaconf import OmegaConf
+from tensordict import TensorDict
 
 import navrl.build
 from navrl import factory, jobs
 from navrl.algos import GaussianExploration
 from navrl.config import compose, instantiate
-from navrl.deprecation import RENAMED_INPUTS, input_key, renamed_arguments
+from navrl.deprecation import (
+    RENAMED_INPUTS,
+    input_key,
+    renamed_arguments,
+    renamed_overrides,
+    taken_argument,
+)
+from navrl.evaluation import compare, find_evaluations, metrics_markdown
 from navrl.factory.policy import make_runner, with_controller
-from navrl.networks import AttentionStream, CriticNetwork, VectorStream
+from navrl.factory.training import make_collector
+from navrl.jobs import claim_folder, resumed_config
+from navrl.networks import AttentionStream, CriticNetwork, StreamEncoder, VectorStream, make_critic
 from navrl.policies import ZOO, load_bundle, zoo_names
 from navrl.policies.classical import DynamicWindow, SearchEffort
 from navrl.sim import Contact, DifferentialDrive, Simulator
+from navrl.training import Behavior, DirectCollector
 from navrl.transforms import ActionShield
 
 MOVED = {
     "navrl.config.hydra_main": "navrl.cli.command.hydra_main",
     "navrl.evaluation.metrics.run_into": "navrl.evaluation.metrics.hit_by_pedestrian",
+    "navrl.training.Behaviour": "navrl.training.behavior.Behavior",
+    "navrl.training.behaviour.Behaviour": "navrl.training.behavior.Behavior",
     "navrl.keys.WAYPOINT_INPUT": "navrl.keys.WAYPOINTS_SCALED",
     "navrl.networks.restraint.restrain": "navrl.networks.saturation.penalize_saturation",
     "navrl.ops.contact.RUN_INTO": "navrl.ops.contact.HIT_BY_PEDESTRIAN",
@@ -74,6 +93,14 @@ def test_renamed_contact_code_warns_and_resolves():
         _ = Contact.NO_SUCH_CODE
 
 
+def test_renamed_contact_code_is_found_by_name():
+    with pytest.warns(DeprecationWarning, match=r"RUN_INTO is deprecated: use Contact.HIT_BY_PED"):
+        assert Contact["RUN_INTO"] is Contact.HIT_BY_PEDESTRIAN
+    assert Contact["STATIC"] is Contact.STATIC
+    with pytest.raises(KeyError, match="NO_SUCH_CODE"):
+        _ = Contact["NO_SUCH_CODE"]
+
+
 def test_action_size_of_the_exploration_warns():
     with pytest.warns(DeprecationWarning, match="action_size is deprecated"):
         assert GaussianExploration(std=[1.0, 0.5]).action_size == 2
@@ -110,6 +137,158 @@ def test_renamed_config_keys_of_dwa_warn(old, new):
     assert 0.5 in instantiate(node).speed_range
     with pytest.warns(DeprecationWarning, match=f"{old} is deprecated: use {new}_descriptor_speed"):
         assert 0.5 in DynamicWindow(DifferentialDrive(), **{old: 0.5}).speed_range
+
+
+GROUP_WARNS = "config group behaviour is deprecated: use behavior"
+
+
+@pytest.mark.parametrize(
+    "old", ["behaviour=paper", "behaviour.guided_frames=1", "++behaviour.random_frames=0"]
+)
+def test_former_group_warns_and_has_its_effect(old):
+    with pytest.warns(FutureWarning, match=GROUP_WARNS):
+        composed = compose("train", [old])
+    assert composed == compose("train", [old.replace("behaviour", "behavior")])
+    assert composed != compose("train")
+
+
+@pytest.mark.parametrize("word", ["behaviour", "behaviours=1", "policy=behaviour", "--behaviour=1"])
+def test_other_words_of_a_command_are_unchanged(word):
+    assert renamed_overrides([word]) == [word]
+
+
+@pytest.mark.parametrize("prefix, rest", [("~", ""), ("+", "@x=paper"), ("~", "=paper")])
+def test_former_group_is_renamed_in_each_kind_of_override(prefix, rest):
+    with pytest.warns(FutureWarning, match=GROUP_WARNS):
+        words = renamed_overrides([f"{prefix}behaviour{rest}"])
+    assert words == [f"{prefix}behavior{rest}"]
+
+
+def run(command, words, monkeypatch, capsys):
+    """Run a command with these words; return its exit status and its last line."""
+    monkeypatch.setattr(sys, "argv", [f"navrl-{command}", *words])
+    status = 0
+    try:
+        import_module(f"navrl.cli.{command}").main()
+    except SystemExit as end:
+        status = end.code
+    shown = capsys.readouterr()
+    return status, (shown.out + shown.err).splitlines()[-1]
+
+
+def test_command_accepts_the_former_group(monkeypatch, capsys):
+    words = ["behaviour=paper", "behaviour.random_frames=7", "--cfg", "job", "--package"]
+    with pytest.warns(FutureWarning, match=GROUP_WARNS):
+        status, line = run("train", [*words, "behavior"], monkeypatch, capsys)
+    assert status == 0 and line == "random_frames: 7"
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("defaults: [override /behaviour: paper]", "write 'override /behavior' in this file"),
+        ("behaviour: {guided_frames: 1}", "navrl: behaviour: must be behavior, the present name"),
+    ],
+)
+def test_experiment_with_the_former_group_is_an_error(tmp_path, monkeypatch, capsys, text, message):
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text(f"# @package _global_\n{text}\n")
+    options = ["--config-dir", str(tmp_path), "experiment=mine"]
+    words = [*options, f"hydra.run.dir={tmp_path}/run"]
+    status, line = run("train", words, monkeypatch, capsys)
+    assert status == 2 and message in line
+
+
+def test_own_option_in_the_former_folder_is_an_error(tmp_path, monkeypatch, capsys):
+    (tmp_path / "behaviour").mkdir()
+    (tmp_path / "behaviour" / "mine.yaml").write_text("guide: null\n")
+    options = ["--config-dir", str(tmp_path), "behavior=mine"]
+    words = [*options, f"hydra.run.dir={tmp_path}/run"]
+    status, line = run("train", words, monkeypatch, capsys)
+    assert status == 2 and "options of behaviour/ belong in behavior/ now" in line
+
+
+def test_run_of_the_former_group_is_resumed(tmp_path):
+    text = OmegaConf.to_yaml(compose("train"))
+    former = text.replace("behavior", "behaviour").replace("Behavior", "Behaviour")
+    assert former.count("ehaviour") == 2
+    (tmp_path / "checkpoint").mkdir()
+    for name in ("config.yaml", "checkpoint/config.yaml"):
+        (tmp_path / name).write_text(former)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        resumed = resumed_config(tmp_path, compose("train"), [])
+        claim_folder(compose("train"), tmp_path)  # as the restarted job of a sweep does
+    assert OmegaConf.to_yaml(resumed) == text
+
+
+def test_collector_with_the_former_argument_is_built():
+    class Alternating(DirectCollector):
+        def __init__(self, make_env, behaviour, seed):
+            self.given = behaviour
+
+    assert taken_argument(DirectCollector, "behavior") == "behavior"
+    with pytest.warns(DeprecationWarning, match="Alternating: behaviour is deprecated"):
+        assert taken_argument(Alternating, "behavior") == "behaviour"
+    cfg = compose("train", ["network=small"])
+    cfg.collector._target_ = "former.Collector"
+    with (
+        mock.patch.dict(sys.modules, {"former": SimpleNamespace(Collector=Alternating)}),
+        pytest.warns(DeprecationWarning, match="call it behavior"),
+    ):
+        assert isinstance(make_collector(cfg, actor=torch.nn.Identity()).given, Behavior)
+    with pytest.warns(DeprecationWarning, match="behaviour is deprecated: use behavior"):
+        assert DirectCollector(lambda seed: seed, behaviour=1, seed=0).behavior == 1
+
+
+@pytest.mark.parametrize("key", ["least_speed", "most_speed", "efforts.0.greed", "clearance"])
+def test_override_of_a_controller_names_the_change(key, monkeypatch, capsys):
+    present = key.replace("least_", "min_descriptor_").replace("most_", "max_descriptor_")
+    change = f"+change.controller.{present.replace('greed', 'heuristic_weight')}="
+    for prefix in ("", "+"):
+        words = [f"{prefix}controller.{key}=2", "policy=dwa", "hydra.run.dir=."]
+        status, line = run("evaluate", words, monkeypatch, capsys)
+        assert status == 2 and f"; {change}" in line and "use +controller" not in line
+
+
+@pytest.mark.parametrize("group", ["transforms", "deployment.transforms"])
+def test_former_key_of_a_transform_is_renamed(group):
+    with pytest.warns(FutureWarning, match="least_speed is deprecated: use min_descriptor_speed"):
+        words = renamed_overrides([f"{group}.action_shield.least_speed=0.5"])
+    assert words == [f"{group}.action_shield.min_descriptor_speed=0.5"]
+
+
+@pytest.mark.parametrize("name", zoo_names())
+def test_actor_names_the_present_key_of_a_former_input(name):
+    bundle = load_bundle(ZOO / name)
+    actor, shapes = bundle.actor, bundle.config["actor"]["shapes"]
+    former, present = next(names for names in RENAMED_INPUTS.items() if names[1] in actor.in_keys)
+    observed = TensorDict({key: torch.zeros(1, *shapes[key]) for key in actor.in_keys}, [1])
+    observed = observed.rename_key_(present, former)
+    with pytest.raises(KeyError, match=f"{present}: missing; {former} is its name of version"):
+        actor(observed)
+    with pytest.raises(KeyError, match=present) as error:
+        actor(observed.exclude(former))
+    assert "its name of version" not in str(error.value)
+
+
+def test_critic_names_the_present_key_of_a_former_input():
+    shapes = {"goal_position_scaled": [2]}
+    goal = partial(VectorStream, in_key="goal_position_scaled", hidden=[4])
+    critic = make_critic(partial(StreamEncoder, streams={"goal": goal}), shapes)
+    observed = TensorDict({"action": torch.zeros(1, 2), "goal": torch.zeros(1, 2)}, [1])
+    with pytest.raises(KeyError, match="goal_position_scaled: missing; goal is its name"):
+        critic(observed)
+    values = {"action": torch.zeros(1, 2), "goal_position_scaled": torch.zeros(1, 2)}
+    assert critic(**values).shape == (1, 1)  # by keyword, as before
+
+
+@pytest.mark.parametrize("names", [["hit_by_pedestrian", "run_into"], ["spl", "spl"]])
+def test_metric_listed_twice_is_an_error(tmp_path, names):
+    write_evaluation(tmp_path / "a", "paper", [WON, HIT])
+    (table,) = compare(find_evaluations([tmp_path]))
+    with pytest.raises(ValueError, match=rf"^metrics=\['{names[0]}'\]: must be listed once"):
+        metrics_markdown(table, names)
 
 
 @pytest.mark.parametrize("name", zoo_names())

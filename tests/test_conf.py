@@ -97,7 +97,7 @@ def test_all_experiments_train(name, tmp_path):
         "scenario=corridor",
         "replay.batch_size=4",
         "replay.capacity=200",
-        "behaviour.random_frames=4",
+        "behavior.random_frames=4",
         "validation.num_episodes=2",
         "environment.time_limit_steps=6",
         "schedule.total_frames=40",

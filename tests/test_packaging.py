@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from navrl import __version__
 from navrl.config import CONF_DIR
 
 ROOT = Path(__file__).parents[1]
@@ -43,6 +44,30 @@ def test_wheel_and_sdist_contain_all_of_conf(built):
         names = {n.split("/", 1)[1] for n in archive.getnames() if "/" in n}
     assert {f"conf/{name}" for name in wanted} <= names
     assert {"README.md", "LICENSE", ".ci/run", "tests/test_packaging.py"} <= names
+
+
+def long_description(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return archive.read(name).decode().partition("\n\n")[2]
+
+
+def test_long_description_has_no_relative_picture(built):
+    shown = long_description(built[0])
+    assert "Results has all approaches" in shown and "](docs/" not in shown and "![" not in shown
+    assert "Description-Content-Type" not in shown and len(shown) > 2000
+
+
+def test_long_description_has_the_addresses_of_the_release(tmp_path):
+    address = "https://example.org/navrl"
+    code = "from hatchling.build import build_wheel; import sys; print(build_wheel(sys.argv[1]))"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NAVRL_REPOSITORY_URL", f"{address}/")
+        run(sys.executable, "-c", code, str(tmp_path), cwd=ROOT)
+    shown = long_description(next(tmp_path.glob("*.whl")))
+    assert f"]({address}/raw/v{__version__}/docs/assets/paper.gif)" in shown
+    assert f"[Results]({address}/blob/v{__version__}/docs/results.md)" in shown
+    assert "](docs/" not in shown
 
 
 def test_wheel_and_sdist_contain_modules_and_type_marker(built):

@@ -16,6 +16,7 @@ from omegaconf import DictConfig
 from navrl import __version__
 from navrl.cli.help import help_text
 from navrl.config import CONF_DIR, USER_ERRORS, check_types, describe, nearest_names
+from navrl.deprecation import check_groups, renamed_overrides
 
 
 def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
@@ -33,6 +34,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
         @functools.wraps(task)
         def checked(cfg: DictConfig) -> Any:
             with _ErrorLine():
+                check_groups(cfg)
                 check_types(config_name, HydraConfig.get().overrides.task, cfg)
                 return task(cfg)
 
@@ -41,6 +43,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
         @functools.wraps(task)
         def main() -> None:
             os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us, not a printed page
+            sys.argv[1:] = renamed_overrides(sys.argv[1:])
             with _ErrorLine(config_name):
                 if not _is_help_shown(config_name, sys.argv[1:]):
                     run(checked)()
@@ -78,6 +81,7 @@ class _ErrorLine:
             return
         line = describe(error)
         if self._config_name is not None:
-            line += nearest_names(line, self._config_name)
+            hint = nearest_names(line, self._config_name)
+            line = line.removesuffix(".") + hint if hint else line
         print(f"navrl: {line}", file=sys.stderr)
         sys.exit(2)

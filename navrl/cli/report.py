@@ -12,7 +12,7 @@ from navrl.config import describe
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the page and print its path; user errors exit with one line and status 2."""
-    options = make_parser().parse_args(arguments)
+    options = make_parser().parse_intermixed_args(arguments)
     out = options.out or Path(options.folders[0]) / "report.html"
     from navrl.viz.report import write_report  # imports torch and matplotlib
 

@@ -17,7 +17,7 @@ def main(arguments: list[str] | None = None) -> int:
     Args:
         arguments: Command-line arguments; those of this process if ``None``.
     """
-    options = make_parser().parse_args(arguments)
+    options = make_parser().parse_intermixed_args(arguments)
     try:
         entries = frozen_suites(options.names)
         return max([_act(options.action, entry, options.num_workers) for entry in entries])

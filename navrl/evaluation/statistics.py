@@ -67,9 +67,14 @@ def wilson_interval(successes: int, total: int, confidence: float = 0.95) -> tup
     Returns:
         (low, high) rates; (nan, nan) without trials.
 
+    Raises:
+        ValueError: If ``successes`` is not in 0 to ``total``.
+
     Reference:
         Wilson, "Probable inference, the law of succession, and statistical inference", 1927.
     """
+    if not 0 <= successes <= total:
+        raise ValueError(f"successes={successes}: must be in 0 to {total}")
     if total == 0:
         return _UNKNOWN
     interval = binomtest(successes, total).proportion_ci(confidence, method="wilson")
@@ -115,13 +120,14 @@ def mcnemar_p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
         1 if they succeed in the same ones; NaN for fewer than :data:`MIN_PAIRS` episodes.
 
     Raises:
-        ValueError: If the numbers of episodes differ.
+        ValueError: If the numbers of episodes differ, or a value is not finite.
 
     Reference:
         McNemar, "Note on the sampling error of the difference between correlated proportions",
         1947, with the binomial distribution in place of the chi-squared approximation.
     """
     _check_pairs(first, second)
+    _finite("first", first), _finite("second", second)  # bool(NaN) is a success
     if len(first) < MIN_PAIRS:
         return math.nan
     only_first = sum(bool(a) and not b for a, b in zip(first, second, strict=True))
@@ -133,17 +139,25 @@ def holm(p_values: Sequence[float]) -> list[float]:
     """Return p-values with Holm's correction for multiple tests.
 
     Args:
-        p_values: p-values of one family of tests, in any order.
+        p_values: p-values of one family of tests, in any order; NaN for one without a test, which
+            does not count in the number of tests.
 
     Returns:
-        Corrected p-values in the same order, at most 1.
+        Corrected p-values in the same order, at most 1; NaN without a test.
+
+    Raises:
+        ValueError: If a p-value is outside [0, 1].
 
     Reference:
         Holm, "A simple sequentially rejective multiple test procedure", 1979.
     """
-    corrected, floor = [0.0] * len(p_values), 0.0
-    for rank, place in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
-        floor = max(floor, min(1.0, (len(p_values) - rank) * p_values[place]))
+    corrected, floor = [math.nan] * len(p_values), 0.0
+    tested = [place for place, value in enumerate(p_values) if not math.isnan(value)]
+    for place in tested:
+        if not 0.0 <= p_values[place] <= 1.0:
+            raise ValueError(f"p_values={p_values[place]}: must be in [0, 1]")
+    for rank, place in enumerate(sorted(tested, key=lambda k: p_values[k])):
+        floor = max(floor, min(1.0, (len(tested) - rank) * p_values[place]))
         corrected[place] = floor
     return corrected
 
@@ -188,11 +202,17 @@ def interquartile_mean(scores: np.ndarray) -> float:
 
     It is robust to outlying runs like the median, but uses more of the data.
 
+    Raises:
+        ValueError: If there is no score, or one is not finite.
+
     Reference:
         Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
         2021, Sec. 4.3.
     """
-    return float(trim_mean(np.asarray(scores, dtype=float), 0.25, axis=None))
+    sample = _finite("scores", scores)
+    if sample.size == 0:
+        raise ValueError("scores=[]: must have at least one score")
+    return float(trim_mean(sample, 0.25, axis=None))
 
 
 def stratified_bootstrap(

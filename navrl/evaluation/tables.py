@@ -100,13 +100,16 @@ def metrics_markdown(table: ComparisonTable, names: Sequence[str] = ()) -> str:
         names: Names of the metrics; all if empty.
 
     Raises:
-        ValueError: If a metric does not exist.
+        ValueError: If a metric does not exist or is listed twice.
     """
     measured = dict.fromkeys(metric.name for row in table.rows for metric in row.metrics)
     comparable = dict.fromkeys((*COMPARABLE, *measured))
     for old in RENAMED.keys() & set(names):
         warn(f"metrics=[{old}]", f"use {RENAMED[old]}")
     names = [RENAMED.get(name, name) for name in names]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ValueError(f"metrics={repeated}: must be listed once, under the present name")
     unknown = sorted(set(names) - comparable.keys())
     if unknown:
         raise ValueError(f"metrics={unknown}: must be some of {', '.join(comparable)}")

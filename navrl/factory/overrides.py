@@ -9,6 +9,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from navrl.config import compose, instantiate
+from navrl.deprecation import present_key
 from navrl.evaluation.kept import KEPT
 from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
@@ -23,7 +24,7 @@ _UNUSED_PARTS = ("suite", "final_simulator", "deployment", "resume", "validation
 _SET_BY_ROWS = (
     *(f"schedule.{name}" for name in ("learning_starts", "total_frames", "checkpoint_every_s")),
     *("schedule.log_every_updates", "schedule.evaluate_every_updates"),
-    *("behaviour.random_frames", "replay.capacity"),
+    *("behavior.random_frames", "replay.capacity"),
 )
 
 
@@ -86,6 +87,11 @@ def check_policy(cfg: DictConfig, is_bundle: bool) -> None:
                 f"change.{part}: policy={cfg.policy} has none; must be below one of "
                 f"{', '.join(f'change.{name}' for name in allowed)}"
             )
+    for key, value in flat_values(cfg.get("controller") or {}).items():
+        raise ValueError(
+            f"controller.{key}={value}: no effect; +change.controller.{present_key(key)}={value} "
+            "changes the policy's controller"
+        )
     for key, value in _overridden(cfg, PARTS if is_bundle else ()):
         part = key.partition(".")[0]
         raise ValueError(

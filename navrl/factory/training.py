@@ -17,6 +17,7 @@ import navrl
 from navrl.algos import Algorithm, Exploration
 from navrl.algos.protocols import check_protocol
 from navrl.config import instantiate
+from navrl.deprecation import taken_argument
 from navrl.evaluation import evaluate, rates
 from navrl.factory.environment import (
     make_device,
@@ -83,10 +84,12 @@ def make_collector(cfg: DictConfig, actor: TensorDictModule) -> Collector:
     """
     exploration = instantiate(cfg.exploration)
     check_protocol("exploration", exploration, Exploration)
-    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=exploration)
-    has_workers = issubclass(get_class(cfg.collector._target_), WorkersCollector)
+    behavior = instantiate(cfg.behavior, actor=actor, exploration=exploration)
+    kind = get_class(cfg.collector._target_)
+    has_workers = issubclass(kind, WorkersCollector)
     make_worlds = partial(make_training_env, on_cpu(cfg) if has_workers else cfg)
-    return instantiate(cfg.collector, make_env=make_worlds, behaviour=behaviour, seed=cfg.seed)
+    policy = {taken_argument(kind, "behavior"): behavior}
+    return instantiate(cfg.collector, make_env=make_worlds, **policy, seed=cfg.seed)
 
 
 def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:

@@ -158,7 +158,7 @@ def _train(cfg: DictConfig, updates: int, folder: Path) -> Path:
     cfg.schedule.total_frames = int(
         cfg.schedule.learning_starts + total_updates * cfg.schedule.frames_per_update
     )
-    cfg.behaviour.random_frames = 0
+    cfg.behavior.random_frames = 0
     cfg.replay.capacity = cfg.schedule.total_frames + cfg.num_worlds
     cfg.validation.num_episodes = 2
     make_trainer(cfg, folder).run()
@@ -273,7 +273,7 @@ def _source(cfg: DictConfig, num_workers: int) -> tuple[Collector, Replay]:
     cfg = cfg.copy()
     options = ["collector=process", f"collector.num_workers={num_workers}"]
     cfg.collector = compose("train", options if num_workers else ["collector=direct"]).collector
-    cfg.behaviour.random_frames = 0
+    cfg.behavior.random_frames = 0
     cfg.replay.capacity = 100_000
     env = _maker(cfg)(1)
     actor, _ = make_agent(cfg, observation_shapes(env))

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
 from omegaconf import DictConfig, OmegaConf
 
 from navrl.factory.values import flat_values
 from navrl.files import write_text
-from navrl.jobs.run_folder import CONFIG_FILE, RESULT_NEUTRAL, differences
+from navrl.jobs.run_folder import CONFIG_FILE, RESULT_NEUTRAL, differences, load_config
 
 _RECORD = Path("checkpoint") / CONFIG_FILE  # the configuration of the checkpoint
 
@@ -39,7 +38,7 @@ def resumed_config(folder: Path, cfg: DictConfig, overrides: Sequence[str]) -> D
     file = folder / CONFIG_FILE
     if not file.is_file():
         raise ValueError(f"resume={folder}: no run there, {file} is missing")
-    run = _load(file)
+    run = load_config(file)
     _check_unedited(run, folder)
     given = _given(cfg, overrides)
     if "device" in given:
@@ -62,16 +61,6 @@ def resumed_config(folder: Path, cfg: DictConfig, overrides: Sequence[str]) -> D
     return run
 
 
-def _load(file: Path) -> DictConfig:
-    try:
-        config = OmegaConf.load(file)
-    except yaml.YAMLError as error:
-        raise ValueError(f"{file}: damaged, not YAML ({error})") from error
-    if not isinstance(config, DictConfig) or not config:
-        raise ValueError(f"{file}: damaged, must be a mapping")
-    return config
-
-
 def _check_unedited(run: DictConfig, folder: Path) -> None:
     """Compare ``config.yaml`` with its stored copy, which older runs lack."""
     started = folder / _RECORD
@@ -79,7 +68,7 @@ def _check_unedited(run: DictConfig, folder: Path) -> None:
         return
     edited = [
         f"{name} was {before} and is {now}"
-        for name, before, now in differences(flat_values(_load(started)), flat_values(run))
+        for name, before, now in differences(flat_values(load_config(started)), flat_values(run))
     ]
     if edited:
         raise ValueError(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import DictConfig, OmegaConf
 
+from navrl.deprecation import renamed_groups
 from navrl.factory.values import flat_values
 from navrl.files import write_text
 
@@ -32,7 +35,7 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / CONFIG_FILE
     if file.is_file():
-        there, here = flat_values(OmegaConf.load(file)), flat_values(cfg)
+        there, here = flat_values(load_config(file)), flat_values(cfg)
         different = [
             f"{name} is {old} there and {new} here" for name, old, new in differences(there, here)
         ]
@@ -43,6 +46,21 @@ def claim_folder(cfg: DictConfig, folder: Path) -> None:
                 "hydra.run.dir or hydra.sweep.dir"
             )
     write_text(file, OmegaConf.to_yaml(cfg))
+
+
+def load_config(file: Path) -> DictConfig:
+    """Read the configuration of a run; groups of an older version get their present names.
+
+    Raises:
+        ValueError: If the file is damaged.
+    """
+    try:
+        config = OmegaConf.to_container(OmegaConf.load(file), resolve=False)
+    except yaml.YAMLError as error:
+        raise ValueError(f"{file}: damaged, not YAML ({error})") from error
+    if not isinstance(config, Mapping) or not config:
+        raise ValueError(f"{file}: damaged, must be a mapping")
+    return OmegaConf.create(renamed_groups(config))
 
 
 def result_values(cfg: DictConfig) -> dict[str, Any]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
+from tensordict import TensorDictBase, is_tensor_collection
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
 from navrl import keys
-from navrl.deprecation import warn
+from navrl.deprecation import former_input, warn
 from navrl.networks.encoder import Encoder, Shapes
 from navrl.networks.mlp import mlp
 from navrl.networks.saturation import penalize_saturation
@@ -110,6 +112,25 @@ class CriticNetwork(nn.Module):
         return self.q_value(action, feature)
 
 
+class NetworkModule(TensorDictModule):
+    """TensorDict module of an actor or a critic; a missing key is named with its former name."""
+
+    def forward(self, *args: Any, **kwargs: Any) -> TensorDictBase | Tensor | tuple[Tensor, ...]:
+        """Call the network on a TensorDict, or on the values of its keys.
+
+        Raises:
+            KeyError: If an input is missing and its former name is present.
+        """
+        try:
+            return super().forward(*args, **kwargs)
+        except Exception as error:  # tensordict passes None for a missing key
+            given = args[0] if args else kwargs.get("tensordict")
+            hint = former_input(self.in_keys, given.keys() if is_tensor_collection(given) else ())
+            if hint is None:
+                raise
+            raise KeyError(hint) from error
+
+
 def _layers(in_features: int, sizes: Sequence[int]) -> tuple[nn.Module, int]:
     """Return a perceptron with a final ReLU, or the identity, and its output size."""
     if not sizes:
@@ -159,7 +180,7 @@ def make_actor(
         encoder(shapes=shapes), action_size, hidden, with_attention, saturation_penalty
     )
     attention_keys = network.encoder.attention_keys if with_attention else []
-    return TensorDictModule(
+    return NetworkModule(
         network, in_keys=[*network.encoder.in_keys], out_keys=[keys.ACTION, *attention_keys]
     )
 
@@ -193,7 +214,7 @@ def make_critic(
     network = CriticNetwork(
         encoder(shapes=shapes), action_size, hidden, observation_hidden, action_hidden
     )
-    return TensorDictModule(
+    return NetworkModule(
         network,
         in_keys=[keys.ACTION, *network.encoder.in_keys],
         out_keys=[keys.STATE_ACTION_VALUE],

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
+from navrl.checks import check_counts, check_positive
 from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
 from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.returns import finite_returns
@@ -177,11 +178,8 @@ def check_grouping(
     Raises:
         ValueError: If an option is out of range; the message names it.
     """
-    if num_groups < 1:
-        raise ValueError(f"num_groups={num_groups}: must be at least 1")
-    for name, value in (("group_radius", group_radius), ("max_range", max_range)):
-        if not value > 0.0:
-            raise ValueError(f"{name}={value}: must be positive (m)")
+    check_counts(num_groups=num_groups)
+    check_positive(group_radius=group_radius, max_range=max_range)
     options = {
         "empty_now": (empty_now, ("center", "zeros")),
         "empty_previous": (empty_previous, ("current", "center", "zeros")),

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from navrl.checks import check_positive
 from navrl.ops.backend import Backend, as_real, is_compiled
 from navrl.ops.beams import RETURN_MARGIN_M, Bearing
 from navrl.ops.scan_layout import TWO_PI, ScanLayout, scan_layout
@@ -112,8 +113,9 @@ def check_pooling(max_range: float, bearing: Bearing = "bin") -> None:
     Raises:
         ValueError: If ``max_range`` is not positive or ``bearing`` is unknown.
     """
-    if not max_range > RETURN_MARGIN_M:
-        raise ValueError(f"max_range={max_range}: must be positive (m)")
+    check_positive(max_range=max_range)
+    if max_range <= RETURN_MARGIN_M:
+        raise ValueError(f"max_range={max_range}: must be above {RETURN_MARGIN_M} (m)")
     if bearing not in ("bin", "beam"):
         raise ValueError(f"bearing={bearing!r}: must be 'bin' or 'beam'")
 

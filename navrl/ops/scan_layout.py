@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from navrl.checks import check_counts
 from navrl.deprecation import renamed_attributes
 
 TWO_PI = 2.0 * math.pi
@@ -56,8 +57,7 @@ class ScanLayout:
         check_layout(
             self.group_size, self.num_points, self.angle_min, self.angle_increment, self.mount
         )
-        if self.num_beams < 1:
-            raise ValueError(f"num_beams={self.num_beams}: must be at least 1")
+        check_counts(num_beams=self.num_beams)
         covered = (self.num_beams - 1) * abs(self.increment)
         if covered > TWO_PI * (1.0 + 1e-5):
             raise ValueError(
@@ -138,7 +138,8 @@ class ScanLayout:
     def seen(self) -> Tensor:
         """Return whether each bin is covered by a beam, ``[N]`` bool.
 
-        For an off-center scanner the coverage is evaluated at an infinite range.
+        For an off-center scanner the coverage is evaluated at an infinite range; nearer returns may
+        be in other bins.
         """
         return (self.beams_by_bin() < self.num_beams).any(-1)
 
@@ -157,9 +158,7 @@ def check_layout(
     """
     if group_size is None and num_points is None:
         raise ValueError("group_size=None: must be a number of beams unless num_points is given")
-    for name, count in (("group_size", group_size), ("num_points", num_points)):
-        if count is not None and count < 1:
-            raise ValueError(f"{name}={count}: must be at least 1")
+    check_counts(group_size=group_size, num_points=num_points)
     if not math.isfinite(angle_min):
         raise ValueError(f"angle_min={angle_min}: must be finite (rad)")
     if angle_increment is not None and not (angle_increment and math.isfinite(angle_increment)):

@@ -1,6 +1,7 @@
 """Training: trainer, collectors, replay, curriculum, checkpoints and logs."""
 
-from navrl.training.behaviour import Behaviour
+from navrl.deprecation import renamed_attributes
+from navrl.training.behavior import Behavior
 from navrl.training.checkpoint import CheckpointError, CheckpointStore
 from navrl.training.collectors import Collector, DirectCollector
 from navrl.training.curriculum import Curriculum
@@ -12,7 +13,7 @@ from navrl.training.schedule import Progress, Schedule
 from navrl.training.trainer import Trainer
 
 __all__ = [
-    "Behaviour",
+    "Behavior",
     "CheckpointError",
     "CheckpointStore",
     "Collector",
@@ -28,3 +29,5 @@ __all__ = [
     "Trainer",
     "TrainingStoppedError",
 ]
+
+__getattr__ = renamed_attributes(__name__, {"Behaviour": "navrl.training.behavior.Behavior"})

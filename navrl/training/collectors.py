@@ -14,9 +14,10 @@ from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
+from navrl.deprecation import renamed_arguments
 from navrl.envs.transformed import base_env
 from navrl.ops.kernels.threads import torch_on_one_thread
-from navrl.training.behaviour import Behaviour
+from navrl.training.behavior import Behavior
 
 MakeEnv = Callable[[int], TransformedEnv]
 """Maps a seed to a training environment with its transforms; picklable for workers."""
@@ -89,14 +90,15 @@ class DirectCollector:
 
     Args:
         make_env: Builds the environment.
-        behaviour: Behavior policy.
+        behavior: Behavior policy.
         seed: Seed of the environment.
     """
 
     resumes_episodes = True
 
-    def __init__(self, make_env: MakeEnv, behaviour: Behaviour, seed: int) -> None:
-        self.env, self.behaviour = make_env(seed), behaviour
+    @renamed_arguments(behaviour="behavior")
+    def __init__(self, make_env: MakeEnv, behavior: Behavior, seed: int) -> None:
+        self.env, self.behavior = make_env(seed), behavior
         self._carrier: TensorDictBase | None = None
 
     def start(self, frames: int, max_dynamic: int) -> None:
@@ -113,7 +115,7 @@ class DirectCollector:
         """Step every world once."""
         with torch.no_grad():
             with phases("act"):
-                self.behaviour.act(self._carrier, frames)
+                self.behavior.act(self._carrier, frames)
             with phases("environment"), torch_on_one_thread():
                 stepped, self._carrier = self.env.step_and_maybe_reset(self._carrier)
                 forget_last_action(self._carrier, stepped["next", "done"])

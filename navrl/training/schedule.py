@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from navrl.checks import check_counts, check_positive
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -19,7 +21,8 @@ class Schedule:
         checkpoint_every_s: Wall-clock seconds between checkpoints.
 
     Raises:
-        ValueError: If a value is not positive.
+        ValueError: If a value is not positive, ``learning_starts`` is negative, or a number of
+            frames or updates is fractional.
     """
 
     total_frames: int = 3_000_000
@@ -30,9 +33,17 @@ class Schedule:
     checkpoint_every_s: float = 180.0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value <= 0 and name != "learning_starts":
-                raise ValueError(f"{name}={value}: must be > 0")
+        """Check the values."""
+        check_counts(
+            total_frames=self.total_frames,
+            evaluate_every_updates=self.evaluate_every_updates,
+            log_every_updates=self.log_every_updates,
+        )
+        check_positive(frames_per_update=self.frames_per_update)
+        if not self.checkpoint_every_s > 0:  # infinite: at the start and the end only
+            raise ValueError(f"checkpoint_every_s={self.checkpoint_every_s}: must be > 0 (s)")
+        if not self.learning_starts >= 0:
+            raise ValueError(f"learning_starts={self.learning_starts}: must be >= 0")
 
 
 @dataclass

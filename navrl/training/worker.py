@@ -16,7 +16,8 @@ from torchrl.collectors import Collector as TorchRLCollector
 from torchrl.envs import InitTracker, Transform, TransformedEnv
 
 from navrl import keys
-from navrl.training.behaviour import Behaviour
+from navrl.deprecation import renamed_arguments
+from navrl.training.behavior import Behavior
 from navrl.training.collectors import forget_last_action
 from navrl.training.replay import Compact
 
@@ -30,18 +31,19 @@ class WorkerPolicy(TensorDictModuleBase):
     of the module, so they are transferred to workers together with the weights of the actor.
 
     Args:
-        behaviour: Behavior policy; copied, so that it is independent of the learner's actor. The
+        behavior: Behavior policy; copied, so that it is independent of the learner's actor. The
             copy is on the CPU, where workers act, independent of the device of the learner.
     """
 
     frames: Tensor
     max_dynamic: Tensor
 
-    def __init__(self, behaviour: Behaviour) -> None:
+    @renamed_arguments(behaviour="behavior")
+    def __init__(self, behavior: Behavior) -> None:
         super().__init__()
-        self._source = [behaviour.actor]  # in a list, so that it is not registered as a submodule
-        self.behaviour = deepcopy(behaviour)
-        self.actor = self.behaviour.actor.requires_grad_(False).cpu()
+        self._source = [behavior.actor]  # in a list, so that it is not registered as a submodule
+        self.behavior = deepcopy(behavior)
+        self.actor = self.behavior.actor.requires_grad_(False).cpu()
         self.in_keys, self.out_keys = [*self.actor.in_keys], [keys.ACTION, keys.MAX_DYNAMIC]
         self.register_buffer("frames", torch.zeros((), dtype=torch.int64))
         self.register_buffer("max_dynamic", torch.zeros((), dtype=torch.int64))
@@ -66,7 +68,7 @@ class WorkerPolicy(TensorDictModuleBase):
             forget_last_action(tensordict, tensordict.get(_IS_INIT))
         level = self.max_dynamic.expand(*tensordict.batch_size, 1)
         tensordict.set(keys.MAX_DYNAMIC, level.clone())
-        return self.behaviour.act(tensordict, int(self.frames))
+        return self.behavior.act(tensordict, int(self.frames))
 
 
 class CurriculumLevel(Transform):

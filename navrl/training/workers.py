@@ -12,7 +12,8 @@ from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector
 
 from navrl import keys
-from navrl.training.behaviour import Behaviour
+from navrl.deprecation import renamed_arguments
+from navrl.training.behavior import Behavior
 from navrl.training.collectors import MakeEnv, Phases
 from navrl.training.interruption import shielded_children
 from navrl.training.replay import Compact
@@ -30,7 +31,7 @@ class WorkersCollector(ABC):
 
     Args:
         make_env: Builds the environment of a worker from a seed; must be picklable.
-        behaviour: Behavior policy with the actor in training.
+        behavior: Behavior policy with the actor in training.
         seed: Seed of the run; that of worker k is a hash of it, k and the frames at its start.
         num_worlds: Worlds of each worker.
         num_workers: Number of worker processes.
@@ -46,10 +47,11 @@ class WorkersCollector(ABC):
 
     resumes_episodes = False
 
+    @renamed_arguments(behaviour="behavior")
     def __init__(
         self,
         make_env: MakeEnv,
-        behaviour: Behaviour,
+        behavior: Behavior,
         seed: int,
         num_worlds: int,
         num_workers: int = 2,
@@ -73,8 +75,8 @@ class WorkersCollector(ABC):
         self.num_worlds, self.num_workers = num_worlds, num_workers
         self.steps_per_batch, self.push_every_batches = steps_per_batch, push_every_batches
         self.sync, self.threads_per_worker = sync, threads_per_worker
-        self.compact = Compact(behaviour.actor.in_keys, storage)
-        self.policy = WorkerPolicy(behaviour)
+        self.compact = Compact(behavior.actor.in_keys, storage)
+        self.policy = WorkerPolicy(behavior)
         self.max_dynamic = 0
         self._workers: BaseCollector | None = None
         self._batches: Iterator[TensorDictBase] | None = None

@@ -161,6 +161,8 @@ class ActionShield(ActionMap):
                 and validity of their halves ``[*B, G, 2]`` bool; with a base also its velocity
                 and last commands, ``[*B, 2]`` each.
         """
+        if not seen[0].shape[-2]:
+            return action  # no point to avoid
         batch = action.shape[:-1]
         flat = (value.reshape(-1, *value.shape[len(batch) :]) for value in (action, *seen))
         return self._shielded(*flat).reshape(*batch, 2)
@@ -175,11 +177,13 @@ class ActionShield(ActionMap):
         *state: Tensor,
     ) -> Tensor:
         scene = self._scene(points, returns, tagd, valid, state)
-        blocked = self._spare(command.unsqueeze(1), scene)[:, 0] <= 0.0
+        asked = command.to(scene.points.dtype)
+        blocked = self._spare(asked.unsqueeze(1), scene)[:, 0] <= 0.0
         rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
         if not len(rows):
             return command
-        return command.index_put((rows,), self._most_similar(command[rows], scene[rows]))
+        instead = self._most_similar(asked[rows], scene[rows])
+        return command.index_put((rows,), instead.to(command.dtype))
 
     def _scene(
         self,

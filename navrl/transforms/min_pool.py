@@ -112,10 +112,11 @@ class MinPool(ObservationMap):
         layout = self.layout(ranges.shape[-1])
         if measured is None:
             seen = layout.seen().to(ranges.device)
-            return (*pooled, seen.expand(pooled.returns.shape).clone())
+            return (*pooled, seen | pooled.returns)  # an off-center scanner: returns elsewhere
         none = measured.new_zeros((*measured.shape[:-1], 1))  # entry of the table's padding
         beams = layout.beams_by_bin().to(ranges.device)
-        return (*pooled, torch.cat((measured, none), dim=-1)[..., beams].any(-1))
+        seen = torch.cat((measured, none), dim=-1)[..., beams].any(-1)
+        return (*pooled, seen | pooled.returns)
 
     def map_specs(
         self, ranges: TensorSpec, measured: TensorSpec | None = None

@@ -10,6 +10,7 @@ from torchrl.data import Bounded, Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
+from navrl.checks import check_counts, check_positive
 from navrl.ops import se2
 from navrl.ops.projection import project_ranges
 from navrl.transforms.observation_map import (
@@ -76,11 +77,8 @@ class RangeHistory(Transform):
                 f"RangeHistory: in_keys={self.in_keys}, out_keys={self.out_keys}: must be two each "
                 "(points, transform; past points, ranges), and optionally seen in in_keys"
             )
-        if num_scans < 1 or (group_size is not None and group_size < 1) or not max_range > 0.0:
-            raise ValueError(
-                f"RangeHistory: num_scans={num_scans}, group_size={group_size}: must be >= 1; "
-                f"max_range={max_range}: must be > 0"
-            )
+        check_counts(num_scans=num_scans, group_size=group_size)
+        check_positive(max_range=max_range)
         self.num_scans = num_scans
         self.group_size = group_size
         self.max_range = max_range

@@ -10,6 +10,7 @@ from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
+from navrl.checks import check_counts, check_positive
 from navrl.ops import se2
 from navrl.ops.path import point_at, project_onto_path
 from navrl.ops.path_search import check_window
@@ -81,10 +82,8 @@ class Waypoints(Transform):
                     f"Waypoints: {argument}={getattr(self, argument)}: must be 2 keys ({names}); "
                     "write a nested key as a list within the list"
                 )
-        if num_waypoints < 1:
-            raise ValueError(f"num_waypoints={num_waypoints}: must be at least 1")
-        if not spacing > 0.0:
-            raise ValueError(f"spacing={spacing}: must be positive (m)")
+        check_counts(num_waypoints=num_waypoints)
+        check_positive(spacing=spacing)
         check_window(ahead, behind)
         self.num_waypoints = num_waypoints
         self.spacing = spacing

@@ -57,11 +57,14 @@ class ScenarioDistribution:
     ) -> None:
         ranges = {"num_dynamic": num_dynamic, "num_static": num_static, "speed": speed}
         for name, bounds in ranges.items():
-            if len(bounds) != 2 or not 0 <= bounds[0] <= bounds[1]:
-                raise ValueError(f"{name}={list(bounds)}: must be 0 <= min <= max")
+            if np.shape(bounds) != (2,) or not 0 <= bounds[0] <= bounds[1] < np.inf:
+                shown = np.array(bounds).tolist()
+                raise ValueError(f"{name}={shown}: must be two finite numbers, 0 <= min <= max")
             if name != "speed" and any(int(bound) != bound for bound in bounds):
                 raise ValueError(f"{name}={list(bounds)}: must be integers")
-        if not speed[0] > 0 or len(half_size) != 2 or not min(half_size) > 0:
+        if np.shape(half_size) != (2,):
+            raise ValueError(f"half_size={half_size}: must be two numbers")
+        if not (speed[0] > 0 and 0 < half_size[0] < np.inf and 0 < half_size[1] < np.inf):
             raise ValueError(
                 f"speed={list(speed)}, half_size={list(half_size)}: must be > 0; num_static "
                 "places stationary pedestrians"
@@ -73,10 +76,11 @@ class ScenarioDistribution:
         self._shares = weights / weights.sum()
         self.num_dynamic, self.num_static = tuple(num_dynamic), tuple(num_static)
         self.speed, self.half_size = tuple(speed), (half_size[0], half_size[1])
-        if keep_dynamic is not None and not 0 <= keep_dynamic <= num_dynamic[0]:
+        allowed = range(int(num_dynamic[0]) + 1)
+        if keep_dynamic is not None and keep_dynamic not in allowed:
             raise ValueError(
-                f"keep_dynamic={keep_dynamic}: must be in 0 to {num_dynamic[0]}, the minimum of "
-                "num_dynamic"
+                f"keep_dynamic={keep_dynamic}: must be an integer in 0 to {num_dynamic[0]}, the "
+                "minimum of num_dynamic"
             )
         self.has_walls, self.keep_dynamic = has_walls, keep_dynamic
 

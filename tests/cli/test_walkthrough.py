@@ -14,7 +14,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reports.md"
 SMALL = {
     "train": [
         *("num_worlds=2", "num_threads=1", "pool_size=2", "scenario=corridor"),
-        *("replay.batch_size=4", "replay.capacity=200", "behaviour.random_frames=4"),
+        *("replay.batch_size=4", "replay.capacity=200", "behavior.random_frames=4"),
         *("validation.num_episodes=2", "environment.time_limit_steps=6", "progress_bar=false"),
         *("schedule.total_frames=16", "schedule.learning_starts=4", "suite=smoke"),
         *("schedule.frames_per_update=4", "suite.num_episodes=2"),

@@ -19,7 +19,7 @@ SHELLS = ("sh", "bash", "console", "")  # a block without a language is a comman
 
 TINY_TRAINING = (
     *("num_worlds=2", "num_threads=1", "pool_size=2", "replay.batch_size=4"),
-    *("replay.capacity=100", "behaviour.random_frames=4", "validation.num_episodes=2"),
+    *("replay.capacity=100", "behavior.random_frames=4", "validation.num_episodes=2"),
     *("environment.time_limit_steps=4", "schedule.total_frames=16", "schedule.learning_starts=4"),
     *(
         "schedule.frames_per_update=4",

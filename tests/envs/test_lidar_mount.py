@@ -208,3 +208,21 @@ def test_pooling_for_other_beam_angles_is_rejected():
     env = factory.make_navigation_env(cfg, 1, factory.make_pool(cfg), 0)
     with pytest.raises(ValueError, match=r"lidar.angle_min=0.0: must be the angle_min of MinPool"):
         factory.make_env(env, instantiate(cfg.transforms))
+
+
+def test_bins_with_returns_of_an_off_center_scanner_are_seen():
+    """A scanner 0.3 m ahead with 180 degrees sees the robot's sides by its nearest returns."""
+    pool = MinPool(
+        group_size=None,
+        num_points=36,
+        angle_min=-math.pi / 2,
+        angle_increment=math.pi / 180,
+        mount=(-0.3, 0.0, 0.0),
+        out_keys=[keys.RANGES_POOLED, keys.POINTS, keys.RETURNS, "seen"],
+    )
+    *_, returns, seen = pool(torch.full((181,), 0.2))
+    assert returns.any() and not (returns & ~seen).any()
+    covered = pool.layout(181).seen()
+    assert (returns & ~covered).any() and (seen | ~covered).all()
+    *_, returns, seen = pool(torch.full((181,), 3.5))
+    assert not returns.any() and torch.equal(seen, covered)

@@ -8,6 +8,7 @@ from scipy.stats import binom, norm, ttest_rel
 
 from navrl.evaluation.statistics import (
     bootstrap_mean,
+    holm,
     interquartile_mean,
     mcnemar_p_value,
     paired_difference,
@@ -83,6 +84,31 @@ def test_p_values_are_uniform_without_a_difference():
     p_values = [paired_difference(row, np.zeros(40), resamples=400).p_value for row in draws]
     assert 0.02 < np.mean(np.array(p_values) < 0.05) < 0.10
     assert 0.4 < np.mean(p_values) < 0.6
+
+
+def test_holm_ignores_missing_tests():
+    corrected = holm([0.01, math.nan, 0.04])
+    assert corrected[::2] == pytest.approx([0.02, 0.04]) and math.isnan(corrected[1])
+    assert math.isnan(holm([math.nan])[0])
+
+
+@pytest.mark.parametrize(
+    "function, arguments, message",
+    [
+        (holm, ([0.5, 1.5],), r"^p_values=1.5: must be in \[0, 1\]"),
+        (holm, ([-0.1],), r"^p_values=-0.1: must be"),
+        (mcnemar_p_value, ([True, math.nan] * 4, [True] * 8), "^first=nan: must be finite"),
+        (mcnemar_p_value, ([True] * 8, [math.nan] * 8), "^second=nan: must be finite"),
+        (interquartile_mean, ([0.5, math.nan],), "^scores=nan: must be finite"),
+        (interquartile_mean, ([],), r"^scores=\[\]: must have"),
+        (wilson_interval, (5, 4), "^successes=5: must be in 0 to 4"),
+        (wilson_interval, (1, 0), "^successes=1: must be in 0 to 0"),
+        (wilson_interval, (math.nan, 4), "^successes=nan: must be in 0 to 4"),
+    ],
+)
+def test_values_outside_their_range_are_named(function, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        function(*arguments)
 
 
 def test_interquartile_mean_excludes_outer_quarters():

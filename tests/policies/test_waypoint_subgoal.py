@@ -47,7 +47,7 @@ def test_guide_reaches_goals_without_pedestrians(cfg):
     env = factory.make_env(
         factory.make_navigation_env(cfg, 6, privileged=True), instantiate(cfg.transforms)
     )
-    guide = instantiate(cfg.behaviour.guide)
+    guide = instantiate(cfg.behavior.guide)
     scenarios = instantiate(cfg.suite).scenarios(range(6))
     records = evaluate(env, guide, ScenarioBatch.pack(scenarios))
     assert [record.outcome for record in records] == ["success"] * 6

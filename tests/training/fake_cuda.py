@@ -34,7 +34,7 @@ from navrl.sim import BatchedSimulator
 from navrl.training.window import _count_outcomes
 
 OPTIONS = ["device=cuda", "pool_size=8", "num_worlds=6", "num_threads=1", "replay.capacity=100"]
-OPTIONS += ["replay.batch_size=4", "behaviour.random_frames=0", "replay.num_steps=3"]
+OPTIONS += ["replay.batch_size=4", "behavior.random_frames=0", "replay.num_steps=3"]
 PLANTED = {
     "mixed": lambda value: value + torch.zeros(6),
     "asked": lambda value: value * value.sum().item(),
@@ -161,14 +161,14 @@ def drive(cfg, pool, shapes, mode) -> list[torch.Tensor]:
     env = TransformedEnv(env, instantiate(cfg.transforms))
     actor, critic = make_agent(cfg, shapes)
     exploration = instantiate(cfg.exploration)
-    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=exploration)
+    behavior = instantiate(cfg.behavior, actor=actor, exploration=exploration)
     replay = instantiate(cfg.replay, observation_keys=actor.in_keys)
     learner = instantiate(cfg.algorithm, actor=actor, critic=critic)
     carrier = env.reset()
     env.base_env.simulator._is_ready = True
     for step in range(6):
         mode.is_strict = step > 0  # constants are copied to the device once
-        behaviour.act(carrier, frames=100_000)
+        behavior.act(carrier, frames=100_000)
         stepped = env.step(carrier)
         replay.extend(stepped)
         outcomes = _count_outcomes(stepped["next"])

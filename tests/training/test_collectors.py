@@ -15,8 +15,8 @@ from navrl.training.worker import WorkerBatch, WorkerEnv, worker_seed
 
 WATCHED = [
     "replay.storage=float32",
-    "behaviour=paper",
-    "behaviour.random_frames=0",
+    "behavior=paper",
+    "behavior.random_frames=0",
     "exploration.sigma_initial=0",
     "exploration.sigma_final=0",
     "algorithm.actor_learning_rate=0.01",  # so that new weights show
@@ -197,7 +197,7 @@ def test_workers_begin_an_episode_without_a_last_action(tmp_path):
         seen.append(last is None or bool(last.isnan().all()))
         return tensordict.set(keys.ACTION, torch.zeros(*tensordict.batch_size, 2))
 
-    policy.behaviour.guide, policy.behaviour.guided_fraction = guide, 1.0
+    policy.behavior.guide, policy.behavior.guided_fraction = guide, 1.0
     policy.refresh(0, max_dynamic=2)
     env = WorkerEnv(trainer.collector.make_env, 0, 1, max_dynamic=2)
     collector = TorchRLCollector(env, policy, frames_per_batch=4 * 7, total_frames=4 * 7)

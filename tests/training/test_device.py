@@ -28,7 +28,7 @@ FAST = [
     ["mixed", "experiment=quick"],
 ]
 SLOW = [
-    ["experiment=liang", "behaviour=guided"],
+    ["experiment=liang", "behavior=guided"],
     ["experiment=paper_literal", "reward=progress_potential"],
     ["asked", "experiment=quick"],
     ["copied", "experiment=quick"],
@@ -128,8 +128,8 @@ def test_workers_get_the_weights_of_a_learner_on_a_gpu():
     actor, _ = make_agent(
         cfg, {"spatial": [180, 2], "temporal": [30, 4], "waypoints_scaled": [5, 2]}
     )
-    behaviour = instantiate(cfg.behaviour, actor=actor, exploration=instantiate(cfg.exploration))
-    policy = WorkerPolicy(behaviour)
+    behavior = instantiate(cfg.behavior, actor=actor, exploration=instantiate(cfg.exploration))
+    policy = WorkerPolicy(behavior)
     with torch.no_grad():
         for weight in actor.parameters():
             weight += 1.0

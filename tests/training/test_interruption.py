@@ -54,17 +54,19 @@ def test_ignored_signal_stays_ignored():
         signal.signal(signal.SIGHUP, before)
 
 
-def test_handlers_replaced_by_a_library_are_set_again():
+@pytest.mark.parametrize("handler", [signal.SIG_DFL, lambda number, frame: None])
+def test_handlers_replaced_by_a_library_are_set_again(handler):
     with StopSignals() as signals:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, handler)
         signals.install()
         os.kill(os.getpid(), signal.SIGTERM)
         assert signals.received is signal.SIGTERM
 
 
-def test_children_do_not_get_the_terminals_signals():
-    code = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('alive')"
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_children_do_not_get_the_terminals_signals(number):
+    code = f"import os; os.kill(os.getpid(), {int(number)}); print('alive')"
     with shielded_children():
         child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert child.communicate()[0] == "alive\n"
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert number not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -6,7 +6,7 @@ from tensordict import TensorDict
 
 from navrl import keys
 from navrl.envs import Outcome
-from navrl.training import Behaviour
+from navrl.training import Behavior
 from navrl.training.window import Window
 
 
@@ -86,8 +86,8 @@ def constant(value):
 
 
 def acted(frames, **options):
-    behaviour = Behaviour(constant(7), Exploration(), constant(-7), **options)
-    return behaviour.act(TensorDict({}, [5]), frames)[keys.ACTION]
+    behavior = Behavior(constant(7), Exploration(), constant(-7), **options)
+    return behavior.act(TensorDict({}, [5]), frames)[keys.ACTION]
 
 
 def test_random_actions_end_at_their_frame():

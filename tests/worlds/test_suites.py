@@ -128,6 +128,21 @@ def test_frozen_episodes_are_never_replaced(tmp_path, monkeypatch):
         frozen_episodes.cache_clear()
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "--num-workers", "1", "smoke"],
+        ["--num-workers", "1", "check", "smoke"],
+        ["check", "smoke", "--num-workers", "1"],
+    ],
+)
+def test_options_of_the_command_may_come_first(words, monkeypatch):
+    calls = []
+    monkeypatch.setattr("navrl.cli.suites.frozen_suites", lambda names: [tuple(names)])
+    monkeypatch.setattr("navrl.cli.suites._act", lambda *call: calls.append(call) or 0)
+    assert main(words) == 0 and calls == [("check", ("smoke",), 1)]
+
+
 def test_command_lists_and_compares_suites(capsys):
     assert main(["list", "table1", "validation"]) == 0
     shown = capsys.readouterr().out.splitlines()

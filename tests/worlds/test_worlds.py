@@ -1,6 +1,7 @@
 """Scenarios are sound, determined by their numbers, and the same in every form."""
 
 import dataclasses
+import math
 import multiprocessing
 import os
 import signal
@@ -236,6 +237,15 @@ def test_pool_draws_are_reproducible_and_cached(tmp_path):
         (lambda: Corridor(length=(8, 6)), r"length=\[8, 6\]"),
         (lambda: Office(door=3.0), r"door=3.0"),
         (lambda: distribution("corridor", speed=(1.0, 0.5)), r"speed=\[1.0, 0.5\]"),
+        (lambda: distribution("corridor", speed=(0.5,)), r"speed=\[0.5\]: must be two"),
+        (lambda: distribution("corridor", speed=0.5), r"speed=0.5: must be two"),
+        (lambda: distribution("corridor", speed=(0.5, 1.0, 2.0)), r"speed=.*: must be two"),
+        (lambda: distribution("corridor", speed=(0.5, math.inf)), r"speed=.*: must be two finite"),
+        (lambda: distribution("corridor", num_static=(0, math.inf)), r"num_static=.* two finite"),
+        (lambda: distribution("corridor", num_dynamic=2), r"num_dynamic=2: must be two"),
+        (lambda: distribution("corridor", half_size=0.2), r"half_size=0.2: must be two"),
+        (lambda: distribution("corridor", half_size=(0.2, math.nan)), r"half_size=.*nan.*: must"),
+        (lambda: distribution("corridor", keep_dynamic=0.5), r"keep_dynamic=0.5: must be an int"),
         (lambda: ScenarioDistribution({"x": None}), "weights"),
         (lambda: Suite("s", -1, 5, distribution()), "seed=-1"),
         (lambda: Suite("s", 0, 5, distribution()).scenarios([5]), "index 5"),

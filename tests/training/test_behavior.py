@@ -10,7 +10,7 @@ from navrl.algos import GaussianExploration
 from navrl.envs import NavigationEnv
 from navrl.factory import make_env
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
-from navrl.training import Behaviour
+from navrl.training import Behavior
 from navrl.training.collectors import DirectCollector, Phases
 from navrl.worlds import Scenario, ScenarioBatch
 
@@ -33,15 +33,15 @@ class Guide:
         return tensordict.set(keys.ACTION, action)
 
 
-def behaviour(guide, **kwargs):
+def behavior(guide, **kwargs):
     noiseless = GaussianExploration(std=[0.0, 0.0])
-    return Behaviour(actor, noiseless, guide, guided_fraction=GUIDED / WORLDS, **kwargs)
+    return Behavior(actor, noiseless, guide, guided_fraction=GUIDED / WORLDS, **kwargs)
 
 
 @pytest.mark.parametrize("random_frames", [0, 100])
 def test_guide_reads_its_last_action_not_the_actors_next(random_frames):
     guide = Guide()
-    acting = behaviour(guide, random_frames=random_frames)
+    acting = behavior(guide, random_frames=random_frames)
     carrier = TensorDict({}, [WORLDS])
     for _ in range(3):
         carrier = acting.act(carrier, frames=0)
@@ -80,7 +80,7 @@ def test_guide_reads_no_action_of_the_episode_before():
         return make_env(env, Compose())
 
     guide = Guide()
-    collector = DirectCollector(build, behaviour(guide, random_frames=0), seed=0)
+    collector = DirectCollector(build, behavior(guide, random_frames=0), seed=0)
     collector.start(0, 0)
     _, stepped = collector.step(0, Phases())
     collector.step(WORLDS, Phases())
