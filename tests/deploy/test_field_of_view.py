@@ -106,7 +106,7 @@ def test_bundle_trained_on_varied_sensing_drives_a_robot(tmp_path):
     overrides = [
         *("lidar=varied", "localization=varied", "scenario=corridor", "progress_bar=false"),
         *("num_worlds=2", "num_threads=1", "pool_size=2", "environment.time_limit_steps=6"),
-        *("replay.batch_size=4", "replay.capacity=200", "behaviour.random_frames=4"),
+        *("replay.batch_size=4", "replay.capacity=200", "behavior.random_frames=4"),
         *("validation.num_episodes=2", "schedule.total_frames=20", "schedule.learning_starts=8"),
         *("schedule.frames_per_update=8", "schedule.evaluate_every_updates=1"),
     ]
