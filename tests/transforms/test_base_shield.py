@@ -99,9 +99,10 @@ def test_base_of_the_environment_is_used():
     env = NavigationEnv(simulator, None, {})
     for wrap in (Compose, lambda step: step):
         shield = ActionShield(base="environment")
-        TransformedNavigationEnv(env, wrap(shield))
+        whole = TransformedNavigationEnv(env, wrap(shield))
         base = shield._known_base()
-        assert base.robot is SLOW and base.scan_age_s == pytest.approx(0.15)
+        assert base.robot is whole.base.robot is SLOW
+        assert base.scan_age_s == pytest.approx(0.15)
         assert base.command_delays_s == pytest.approx((0.2, 0.3))
 
 
