@@ -1,4 +1,4 @@
-from .bundle import BundleError, PolicyBundle, load_bundle, save_bundle, saved_metrics
+from .bundle import BundleError, PolicyBundle, load_actor, load_bundle, save_bundle, saved_metrics
 from .controller import Controller
 from .names import ZOO, zoo_names
 from .predicting import PredictingPolicy, StableBaselines3Policy
@@ -10,6 +10,7 @@ __all__ = [
     "PolicyBundle",
     "PredictingPolicy",
     "StableBaselines3Policy",
+    "load_actor",
     "load_bundle",
     "save_bundle",
     "saved_metrics",

@@ -30,6 +30,7 @@ from tensordict.nn import TensorDictModule
 from navrl.deprecation import renamed_inputs, renamed_keys
 from navrl.files import replacing, write_json, write_text
 from navrl.policies.limits import check_limits, check_weights, put_weights
+from navrl.policies.names import bundle_folder, zoo_names
 from navrl.policies.nodes import BundleError, build_node, check_nodes, reason
 from navrl.policies.plausibility import (
     KINDS,
@@ -163,6 +164,26 @@ def _read(reader: Callable[[Path, str], dict[str, Any]], file: Path) -> dict[str
         raise BundleError(str(error)) from error
     except OSError as error:
         raise BundleError(f"{file}: {reason(error)}") from error
+
+
+def load_actor(policy: str, allow: Sequence[str] = ()) -> TensorDictModule:
+    """Load the network of a bundle, e.g. as a guide of a training with the same observations.
+
+    Args:
+        policy: Name in the zoo, folder of a bundle or of a training run.
+        allow: See :func:`load_bundle`.
+
+    Raises:
+        BundleError: If there is no such bundle, or it is damaged or not allowed.
+
+    Example:
+        >>> load_actor("paper").in_keys
+        ['spatial', 'waypoints_scaled', 'temporal']
+    """
+    folder = bundle_folder(policy)
+    if folder is None:
+        raise BundleError(f"policy={policy}: must be a bundle or one of {', '.join(zoo_names())}")
+    return load_bundle(folder, allow).actor
 
 
 def saved_metrics(folder: str | Path) -> dict[str, Any] | None:
