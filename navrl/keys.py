@@ -12,6 +12,7 @@ RANGES = "ranges"  # [*B, beams] m, beam j at 2*pi*j/beams in the lidar's frame;
 POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
 PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
 SCAN_MOTION = "scan_motion"  # [*B, 2, 3] (x, y, yaw), robot at first and last beam, robot frame now
+VELOCITY = "velocity"  # [*B, C] (v, w), m/s and rad/s
 COMMAND = "command"  # [*B, C] last command, m/s and rad/s
 
 # --- outputs of the transforms -------------------------------------------------------------------
@@ -23,12 +24,18 @@ RANGES_POOLED = "ranges_pooled"  # [*B, N] m, from the robot's center, bin 0 str
 POINTS = "points"  # [*B, N, 2] m, scan t, robot frame at t
 RETURNS = "returns"  # [*B, N] bool, the point is a return
 SEEN = "seen"  # [*B, N] bool, the lidar covers the bin; only for less than a full circle
+POINTS_FULL = "points_full"  # [*B, N, 2] m, scan t to the sensor's full range, robot frame at t
+RETURNS_FULL = "returns_full"  # [*B, N] bool
+PREVIOUS_POINTS_FULL = "points_full_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
+PREVIOUS_RETURNS_FULL = "returns_full_previous"  # [*B, N] bool
+PREVIOUS_POSE = "pose_previous"  # [*B, 3] (x, y, yaw) at t-1, world
 PREVIOUS_POINTS = "points_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
 PREVIOUS_RETURNS = "returns_previous"  # [*B, N] bool
 ALIGNED_POINTS = "points_aligned"  # [*B, N, 2] m, scan t-1, robot frame at t
 ICP_TRANSFORM = "icp_transform"  # [*B, 3] T_target_source (x, y, yaw) of frame t-1 in frame t
 ICP_CONVERGED = "icp_converged"  # [*B, 1] bool
 ICP_INLIERS = "icp_inliers"  # [*B, 1] int64, matched pairs of the last iteration
+ICP_QUALITY = "icp_quality"  # [*B, 4] share of inliers, their RMS residual m, two eigenvalues
 TAGD = "tagd"  # [*B, N_c, 4] m, (c_{t-1}, c_t), robot frame at t
 TAGD_VALID = "tagd_valid"  # [*B, N_c, 2] bool, whether the group at t-1 / t has points
 POINTS_HISTORY = "points_history"  # [*B, K, N, 2] m, scans t-1 to t-K, robot frame at t
