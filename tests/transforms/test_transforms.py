@@ -323,7 +323,7 @@ class TestICPAlignWithOdometry(TestICPAlign):
         is_good = (share >= 0.8) & (rms <= 0.035)
         converged = rollout[keys.ICP_CONVERGED].squeeze(-1)
         assert not (converged & ~is_good).any()
-        assert converged.float().mean() > 0.5
+        assert 0.1 < converged.float().mean() < 0.9  # large steps, few beams
         strict = ICPAlign(converged="quality", max_rms=1e-9)
         assert not strict(rollout.select(*strict.in_keys))[keys.ICP_CONVERGED].all()
 
