@@ -1,5 +1,6 @@
-"""Print the share of wrong alignments by option: python tests/ops/alignment_table.py.
+"""Print the share of wrong alignments by option.
 
+Run ``python tests/ops/alignment_table.py``.
 A pair is wrong if the position is off by more than 3 cm or the yaw by more than 2 deg.
 """
 

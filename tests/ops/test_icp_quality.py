@@ -29,7 +29,7 @@ def odometry(pairs, scale=1.0):
     return se2.compose(pairs.T_target_source, scale * ODOMETRY * noise)
 
 
-def test_walker_in_a_corridor_is_taken_for_motion_without_a_prior(backend):
+def test_walker_in_a_corridor_misleads_icp_without_prior(backend):
     pairs = corridor_pairs()
     for options in (PAPER, ROBUST):
         result = align(*scans_of(pairs), options, backend=backend)

@@ -120,7 +120,7 @@ def test_wrong_direction_of_the_beams_is_visible():
     assert off_the_walls(scan[keys.POINTS], scan[keys.RETURNS], pose) > 0.1
 
 
-def test_partial_scan_is_straightened_and_its_blind_sector_moves():
+def test_blind_sector_of_a_partial_scan_moves():
     increment = math.radians(0.25)
     angles = {"angle_min": -math.radians(135.0), "angle_increment": increment}
     ranges, motion, pose = drive(
@@ -211,7 +211,7 @@ def test_points_are_ordered_by_bearing():
     assert se2.wrap_angle(bearing - center).abs().max() < 2.1 * math.pi / 180  # a gap's neighbor
 
 
-def test_alignment_after_compensation_is_the_motion_between_present_frames():
+def test_alignment_after_compensation_is_the_motion():
     """Scans 0.2 s old on a turn: frames t-1 and t, although the robot turned since."""
     steps = compose(
         pool=MinPool(bearing="beam", out_keys=MEASURED),
