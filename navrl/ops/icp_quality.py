@@ -126,7 +126,7 @@ def align_from_prior(
     min_eigenvalue: float = 0.1,
     backend: Backend = "auto",
 ) -> Alignment:
-    """Align scans from an odometry prior, which holds the directions that the scans leave free.
+    """Align scans from an odometry prior that holds the directions the scans leave free.
 
     The alignment starts at the prior. Its correction is then projected on the directions whose
     eigenvalue at the prior reaches ``min_eigenvalue``. There a pedestrian does not lie on the

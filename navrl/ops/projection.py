@@ -199,7 +199,7 @@ def _neighbors(ray: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _on_line(left: Tensor, right: Tensor, direction: Tensor, default: Tensor) -> Tensor:
-    """Return the range at which each ray meets the line between its neighbors, if they are near."""
+    """Return the range at which each ray meets the line between near neighbors."""
     x, y = (right - left).unbind(-1)
     across = direction[..., 0] * y - direction[..., 1] * x
     reach = (left[..., 0] * y - left[..., 1] * x) / across
