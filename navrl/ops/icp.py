@@ -155,15 +155,15 @@ def _iterate(
             return
         source, source_returns, target, target_returns = (scan[running] for scan in scans)
         moved = se2.transform_points(state.transform[running], source)
-        squared, index = _nearest(moved, target, target_returns)
+        squared, index = nearest_returns(moved, target, target_returns)
         matched = source_returns & (squared <= options.gate**2)
         inliers = matched.sum(-1)
         enough = inliers >= options.min_pairs
-        closest = _take(target, index)
+        closest = take(target, index)
         if lines is None:
             step = fit_rigid(moved, closest, matched.to(moved.dtype))
         else:
-            on_line = ScanLines(*(_take(part[running], index) for part in lines))
+            on_line = ScanLines(*(take(part[running], index) for part in lines))
             step = _line_step(moved, closest, matched, on_line, options.robust_scale)
         step = torch.where(enough.unsqueeze(-1), step, 0.0)
         small = step[:, 2].abs() < options.rotation_tolerance
@@ -176,7 +176,9 @@ def _iterate(
         running = running[~small]
 
 
-def _nearest(points: Tensor, target: Tensor, target_returns: Tensor) -> tuple[Tensor, Tensor]:
+def nearest_returns(
+    points: Tensor, target: Tensor, target_returns: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return squared distance and index ``[S, N]`` of the nearest target return."""
     target = torch.where(target_returns.unsqueeze(-1), target, math.inf)
     x = points[:, :, None, 0] - target[:, None, :, 0]
@@ -191,10 +193,23 @@ def _line_step(
     lines: ScanLines,
     robust_scale: float | None,
 ) -> Tensor:
-    """Return the Gauss-Newton step ``[S, 3]`` for distances to the matched lines.
+    """Return the Gauss-Newton step ``[S, 3]`` for distances to the matched lines."""
+    weight, _ = pair_weights(points, closest, matched, lines, robust_scale)
+    normal_matrix, vector = line_equations(points, closest, weight, lines)
+    damping = DAMPING * torch.eye(3, dtype=vector.dtype, device=vector.device)
+    return -torch.linalg.solve(normal_matrix + damping, vector)
 
-    Where the target has no line, the pair contributes its point-to-point distance. Along a line,
-    the residual has the small weight ``SLIDE_WEIGHT``.
+
+def pair_weights(
+    points: Tensor,
+    closest: Tensor,
+    matched: Tensor,
+    lines: ScanLines,
+    robust_scale: float | None,
+) -> tuple[Tensor, Tensor]:
+    """Return robust weight and residual, m, of each pair, ``[S, N]`` each.
+
+    The residual is the distance to the matched line, or to the point if it is on none.
     """
     offset = points - closest
     across = (offset * lines.normal).sum(-1)
@@ -202,22 +217,36 @@ def _line_step(
     weight = matched.to(points.dtype)
     if robust_scale is not None:
         weight = weight / (1.0 + (residual / robust_scale).square()).square()
+    return weight, residual
+
+
+def line_equations(
+    points: Tensor,
+    closest: Tensor,
+    weight: Tensor,
+    lines: ScanLines,
+    slide_weight: float = SLIDE_WEIGHT,
+) -> tuple[Tensor, Tensor]:
+    """Return normal matrix ``[S, 3, 3]`` and vector ``[S, 3]`` of the distances to the lines.
+
+    Where the target has no line, the pair contributes its point-to-point distance. Along a line,
+    the residual has the small weight ``slide_weight``.
+    """
+    offset = points - closest
     tangent = torch.stack([lines.normal[..., 1], -lines.normal[..., 0]], dim=-1)
-    slide_weight = weight * torch.where(lines.is_line, SLIDE_WEIGHT, 1.0)
+    along = weight * torch.where(lines.is_line, slide_weight, 1.0)
     rows, values, weights = [], [], []
-    for direction, w in ((lines.normal, weight), (tangent, slide_weight)):
+    for direction, w in ((lines.normal, weight), (tangent, along)):
         lever = points[..., 0] * direction[..., 1] - points[..., 1] * direction[..., 0]
         rows.append(torch.cat([direction, lever.unsqueeze(-1)], dim=-1))
         values.append((offset * direction).sum(-1))
         weights.append(w)
     jacobian, value = torch.cat(rows, dim=-2), torch.cat(values, dim=-1)
     weighted = jacobian * torch.cat(weights, dim=-1).unsqueeze(-1)
-    normal_matrix = weighted.mT @ jacobian
-    normal_matrix = normal_matrix + DAMPING * torch.eye(3, dtype=value.dtype, device=value.device)
-    return -torch.linalg.solve(normal_matrix, (weighted * value.unsqueeze(-1)).sum(-2))
+    return weighted.mT @ jacobian, (weighted * value.unsqueeze(-1)).sum(-2)
 
 
-def _take(values: Tensor, index: Tensor) -> Tensor:
+def take(values: Tensor, index: Tensor) -> Tensor:
     """Gather ``values [S, M, ...]`` at ``index [S, N]``."""
     row = torch.arange(len(index), device=index.device).unsqueeze(-1)
     return values[row, index]

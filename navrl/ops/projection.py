@@ -10,7 +10,10 @@ from torch import Tensor
 
 from navrl.ops.backend import as_real
 from navrl.ops.beams import RETURN_MARGIN_M
+from navrl.ops.lines import REACH_M
 from navrl.ops.scan_layout import bin_centers
+
+_FOLDS = (torch.minimum, torch.maximum)
 
 
 def project_ranges(
@@ -114,9 +117,9 @@ def rebin_scan(
     """Order points that were moved to another frame by bearing, one point per bin.
 
     A bin takes its nearest return, at the position where it is. A bin that only rays without a
-    return reach is free. Points spread where the motion approaches them and leave single bins that
-    no ray reaches: such a gap repeats the nearer one of the points to its left and right, so that
-    a wall stays closed and no position is invented.
+    return reach is free. The motion spreads some points, which leaves single bins that no ray
+    reaches: such a gap lies on the line between its neighbors to the left and right if both are
+    returns within 0.4 m, and else has the smaller of their ranges, so that a wall stays closed.
 
     Args:
         points: ``[*B, N, 2]`` m, in the frame of the result. A point without a return only gives
@@ -158,14 +161,20 @@ def rebin_scan(
         order = torch.where(seen, order, blind)
     order = torch.where(distance.isfinite(), order, blind)
     ray = _nearest_ray(order, bearing_bins(points, group_size))
-    ray = _fill_gaps(ray, order)
-    order = order.gather(-1, ray)
-    is_return = order < free
     bearing = bin_bearings(points.shape[-2], group_size, points.dtype, points.device)
-    center = max_range * torch.stack((bearing.cos(), bearing.sin()), dim=-1)
-    chosen = points.gather(-2, ray.unsqueeze(-1).expand_as(points))
-    chosen = torch.where(is_return.unsqueeze(-1), chosen, center)
-    return BinnedScan(order.clamp(max=max_range), chosen, is_return, order < blind)
+    center = torch.stack((bearing.cos(), bearing.sin()), dim=-1)
+    left, right = _neighbors(ray)
+    reach = torch.minimum(order.gather(-1, left), order.gather(-1, right))
+    is_gap = ray < 0
+    if bool(is_gap.any()):
+        ends = [points.gather(-2, side.unsqueeze(-1).expand_as(points)) for side in (left, right)]
+        are_returns = returns.gather(-1, left) & returns.gather(-1, right) & (reach < free)
+        reach = torch.where(are_returns & is_gap, _on_line(*ends, center, reach), reach)
+    is_return = reach < free
+    nearest = points.gather(-2, left.unsqueeze(-1).expand_as(points))
+    on_center = reach.clamp(max=max_range).unsqueeze(-1) * center
+    chosen = torch.where((is_return & ~is_gap).unsqueeze(-1), nearest, on_center)
+    return BinnedScan(reach.clamp(max=max_range), chosen, is_return, reach < blind)
 
 
 def _nearest_ray(order: Tensor, index: Tensor) -> Tensor:
@@ -177,8 +186,8 @@ def _nearest_ray(order: Tensor, index: Tensor) -> Tensor:
     return torch.full_like(index, -1).scatter_reduce(-1, index, ray, "amax")
 
 
-def _fill_gaps(ray: Tensor, order: Tensor) -> Tensor:
-    """Give each empty bin the ray of the nearer one of its left and right neighbors."""
+def _neighbors(ray: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the rays of the nearest filled bins to either side; a filled bin's own for both."""
     num_bins = ray.shape[-1]
     row = torch.arange(3 * num_bins, device=ray.device)
     filled = torch.cat([ray, ray, ray], dim=-1) >= 0  # the bins close around the robot
@@ -186,4 +195,15 @@ def _fill_gaps(ray: Tensor, order: Tensor) -> Tensor:
     after = torch.where(filled, row, 3 * num_bins).flip(-1).cummin(-1).values.flip(-1)
     middle = slice(num_bins, 2 * num_bins)
     left, right = (ray.gather(-1, side[..., middle] % num_bins) for side in (before, after))
-    return torch.where(order.gather(-1, left) <= order.gather(-1, right), left, right)
+    return left, right
+
+
+def _on_line(left: Tensor, right: Tensor, direction: Tensor, default: Tensor) -> Tensor:
+    """Return the range at which each ray meets the line between near neighbors."""
+    x, y = (right - left).unbind(-1)
+    across = direction[..., 0] * y - direction[..., 1] * x
+    reach = (left[..., 0] * y - left[..., 1] * x) / across
+    lower, upper = (fold(left.norm(dim=-1), right.norm(dim=-1)) for fold in _FOLDS)
+    is_near = (torch.hypot(x, y) < REACH_M) & reach.isfinite()
+    # between almost aligned neighbors the line is steep and its range only bounded by theirs
+    return torch.where(is_near, reach.clamp(lower, upper), default)

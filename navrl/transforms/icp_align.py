@@ -10,14 +10,39 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.ops import se2
-from navrl.ops.icp import align
+from navrl.ops.icp import Alignment, align
 from navrl.ops.icp_options import IcpOptions
+from navrl.ops.icp_quality import align_from_prior, alignment_quality
+from navrl.ops.unicycle import advance_poses
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec, real_spec
+
+_SCAN_KEYS = {
+    "previous points": keys.PREVIOUS_POINTS,
+    "previous returns": keys.PREVIOUS_RETURNS,
+    "points": keys.POINTS,
+    "returns": keys.RETURNS,
+}
+_FULL_KEYS = {
+    "full-range previous points": keys.PREVIOUS_POINTS_FULL,
+    "full-range previous returns": keys.PREVIOUS_RETURNS_FULL,
+    "full-range points": keys.POINTS_FULL,
+    "full-range returns": keys.RETURNS_FULL,
+}
+_PRIOR_KEYS = {
+    "none": {},
+    "pose": {"previous pose": keys.PREVIOUS_POSE, "pose": keys.POSE},
+    "velocity": {"velocity": keys.VELOCITY},
+}
 
 
 class ICPAlign(ObservationMap):
-    """Align scan t-1 with scan t by scan matching, without odometry.
+    """Align scan t-1 with scan t by scan matching, by default without odometry.
+
+    ``prior`` adds odometry, which starts the alignment and holds the directions that the scans
+    leave free, ``full_range`` aligns scans of a farther range than that of the points, and a fifth
+    output measures the quality of the result.
 
     Args:
         method: ``"icp"``, or ``"none"`` for the identity, which is the paper's robustness test with
@@ -31,10 +56,24 @@ class ICPAlign(ObservationMap):
         translation_tolerance: Translation of a step below which a stage has converged, m.
         min_pairs: Required number of matches; with fewer the result is the identity.
         search_range: Largest rotation of the rotation search to either side, rad.
+        prior: ``"none"``; ``"pose"``, the difference of two poses; or ``"velocity"``, the present
+            (v, w) held for ``time_step_s``. A prior replaces the initialization.
+        time_step_s: Time between two scans, s; only for ``prior="velocity"``.
+        full_range: Whether to align the scans under four further keys instead.
+        min_eigenvalue: Smallest share of returns that constrain a direction; below it, a prior is
+            retained in that direction. See :func:`navrl.ops.icp_quality.alignment_quality`.
+        converged: ``"steps"``: the last step was small. ``"quality"``: the thresholds below are
+            met too and, without a prior, ``min_eigenvalue`` in every direction.
+        min_inlier_share: Smallest share of inliers, only for ``"quality"``.
+        max_rms: Largest RMS residual of the inliers, m, only for ``"quality"``.
         in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t-1, then of scan t;
+            with ``full_range`` the same four at the full range; with ``prior="pose"`` the poses
+            ``[*B, 3]`` (m, m, rad) at t-1 and t, with ``"velocity"`` the velocity ``[*B, 2]``;
             optionally the bins covered by the lidar ``[*B, N]`` bool, for the rotation search.
         out_keys: Points of scan t-1 in frame t ``[*B, N, 2]`` m, T_target_source ``[*B, 3]``,
-            convergence ``[*B, 1]`` bool, number of matched pairs ``[*B, 1]`` int64.
+            convergence ``[*B, 1]`` bool, number of matched pairs ``[*B, 1]`` int64; optionally the
+            quality ``[*B, 4]``: share of inliers, their RMS residual in m, the two smallest
+            eigenvalues.
 
     Raises:
         ValueError: If an argument is invalid; the message names it.
@@ -54,9 +93,10 @@ class ICPAlign(ObservationMap):
         that the paper does not specify are described in :class:`navrl.ops.icp.IcpOptions`.
     """
 
-    INPUTS = ("previous points", "previous returns", "points", "returns")
+    INPUTS = tuple(_SCAN_KEYS)
     OPTIONAL_INPUTS = ("seen",)
     OUTPUTS = ("aligned points", "transform", "converged", "inliers")
+    OPTIONAL_OUTPUTS = ("quality",)
 
     def __init__(
         self,
@@ -70,12 +110,14 @@ class ICPAlign(ObservationMap):
         translation_tolerance: float = 3.5e-3,
         min_pairs: int = 10,
         search_range: float = 0.7,
-        in_keys: Keys = (
-            keys.PREVIOUS_POINTS,
-            keys.PREVIOUS_RETURNS,
-            keys.POINTS,
-            keys.RETURNS,
-        ),
+        prior: Literal["none", "pose", "velocity"] = "none",
+        time_step_s: float = 0.2,
+        full_range: bool = False,
+        min_eigenvalue: float = 0.1,
+        converged: Literal["steps", "quality"] = "steps",
+        min_inlier_share: float = 0.8,
+        max_rms: float = 0.035,
+        in_keys: Keys | None = None,
         out_keys: Keys = (
             keys.ALIGNED_POINTS,
             keys.ICP_TRANSFORM,
@@ -83,10 +125,25 @@ class ICPAlign(ObservationMap):
             keys.ICP_INLIERS,
         ),
     ) -> None:
-        super().__init__(in_keys, out_keys)
+        if prior not in _PRIOR_KEYS:
+            raise ValueError(f"prior={prior!r}: must be one of {', '.join(_PRIOR_KEYS)}")
+        defaults = {**_SCAN_KEYS, **(_FULL_KEYS if full_range else {}), **_PRIOR_KEYS[prior]}
+        self.INPUTS = tuple(defaults)
+        super().__init__(tuple(defaults.values()) if in_keys is None else in_keys, out_keys)
         if method not in ("icp", "none"):
             raise ValueError(f"method={method!r}: must be one of icp, none")
-        self.method = method
+        if converged not in ("steps", "quality"):
+            raise ValueError(f"converged={converged!r}: must be one of steps, quality")
+        check_positive(time_step_s=time_step_s, max_rms=max_rms)
+        for name, value in (
+            ("min_inlier_share", min_inlier_share),
+            ("min_eigenvalue", min_eigenvalue),
+        ):
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"{name}={value}: must be within 0..1")
+        self.method, self.prior, self.time_step_s = method, prior, time_step_s
+        self.full_range, self.min_eigenvalue = full_range, min_eigenvalue
+        self.converged, self.min_inlier_share, self.max_rms = converged, min_inlier_share, max_rms
         self.options = IcpOptions(
             initialization=initialization,
             metric=metric,
@@ -105,25 +162,64 @@ class ICPAlign(ObservationMap):
         previous_returns: Tensor,
         points: Tensor,
         returns: Tensor,
-        seen: Tensor | None = None,
+        *others: Tensor,
     ) -> Sequence[Tensor]:
         """Align the scans; see :func:`navrl.ops.icp.align`."""
-        if self.method == "none":
-            batch = points.shape[:-2]
-            return (
-                previous_points.clone(),
-                points.new_zeros(*batch, 3),
-                returns.new_zeros(*batch, 1),
-                torch.zeros(*batch, 1, dtype=torch.int64, device=points.device),
-            )
+        batch = points.shape[:-2]
         scans = (previous_points, previous_returns, points, returns)
-        result = align(*scans, self.options, seen=seen)
-        return (
-            se2.transform_points(result.transform, previous_points),
-            result.transform,
-            result.converged.unsqueeze(-1),
-            result.inliers.unsqueeze(-1),
+        if self.full_range:
+            scans, others = others[:4], others[4:]
+        if self.method == "none":
+            nothing = torch.zeros(batch, dtype=torch.int64, device=points.device)
+            transform = points.new_zeros(*batch, 3)
+            zeros = transform[..., 0]
+            result = Alignment(transform, nothing.bool(), nothing, zeros, nothing)
+            aligned = previous_points.clone()
+        else:
+            result = self._align(scans, others)
+            aligned = se2.transform_points(result.transform, previous_points)
+        outputs = [aligned, result.transform, result.converged, result.inliers.unsqueeze(-1)]
+        has_quality = len(self.out_keys) > len(self.OUTPUTS)
+        if has_quality or self.converged == "quality":
+            quality = self._quality(result.transform, scans)
+            outputs.append(quality)
+            if self.converged == "quality":
+                outputs[2] = result.converged & self._is_good(quality)
+        outputs[2] = outputs[2].unsqueeze(-1)
+        return outputs[: len(self.out_keys)]
+
+    def _align(self, scans: Sequence[Tensor], others: Sequence[Tensor]) -> Alignment:
+        source, source_returns, target, target_returns = scans
+        count = len(self.INPUTS) - (8 if self.full_range else 4)
+        if count == 0:
+            return align(*scans, self.options, seen=next(iter(others), None))
+        prior = self._motion(*others[:count]).to(target.dtype)
+        settings = (self.options, self.min_eigenvalue)
+        return align_from_prior(prior, source, source_returns, target, target_returns, *settings)
+
+    def _motion(self, *odometry: Tensor) -> Tensor:
+        """Return T_target_source ``[*B, 3]`` by odometry, in float64."""
+        if self.prior == "pose":
+            before, now = (pose.double() for pose in odometry)
+            return se2.relative(now, before)
+        velocity = odometry[0].double()
+        start = torch.zeros(*velocity.shape[:-1], 3, dtype=velocity.dtype, device=velocity.device)
+        return se2.inverse(advance_poses(start, velocity, self.time_step_s))
+
+    def _quality(self, transform: Tensor, scans: Sequence[Tensor]) -> Tensor:
+        source, source_returns, target, target_returns = scans
+        found = alignment_quality(
+            transform, source, source_returns, target, target_returns, self.options
         )
+        values = (found.inlier_share, found.rms, *found.eigenvalues.unbind(-1)[:2])
+        return torch.stack(values, dim=-1)
+
+    def _is_good(self, quality: Tensor) -> Tensor:
+        share, rms, eigenvalue, _ = quality.unbind(-1)
+        is_good = (share >= self.min_inlier_share) & (rms <= self.max_rms)
+        if self.prior == "none":
+            is_good &= eigenvalue >= self.min_eigenvalue
+        return is_good
 
     def map_specs(
         self,
@@ -131,13 +227,15 @@ class ICPAlign(ObservationMap):
         previous_returns: TensorSpec,
         points: TensorSpec,
         returns: TensorSpec,
-        seen: TensorSpec | None = None,
+        *others: TensorSpec,
     ) -> Sequence[TensorSpec]:
-        """Return the specs of aligned points, transform, convergence and inliers."""
+        """Return the specs of aligned points, transform, convergence, inliers and quality."""
         batch = points.shape[:-2]
-        return (
+        specs = (
             real_spec(points, *previous_points.shape),
             real_spec(points, *batch, 3),
             flag_spec(points, *batch, 1),
             Unbounded(torch.Size((*batch, 1)), dtype=torch.int64, device=points.device),
+            real_spec(points, *batch, 4),
         )
+        return specs[: len(self.out_keys)]

@@ -85,6 +85,29 @@ def sample_scan_pairs(
     return ScanPairs(scans[0], scans[1], T_target_source)
 
 
+def corridor_pairs(count: int = 60, walked: float = 0.2) -> ScanPairs:
+    """Scans in a corridor of 2 m whose ends are out of range, with a pedestrian ahead."""
+    generator = torch.Generator().manual_seed(1)
+
+    def uniform(low: float, high: float) -> Tensor:
+        return low + (high - low) * torch.rand(count, generator=generator, dtype=torch.float64)
+
+    none = torch.zeros(count, dtype=torch.float64)
+    before = torch.stack([none, uniform(-0.4, 0.4), uniform(-0.3, 0.3)], dim=-1)
+    motion = torch.stack([uniform(0.0, 0.1), none, uniform(-0.2, 0.2)], dim=-1)
+    after = se2.compose(before, motion)
+    walls = [torch.stack([none, none + y, none + 50, none + 0.1, none], -1) for y in (1.1, -1.1)]
+    x, y = uniform(0.8, 2.0), uniform(-0.5, 0.5)
+    scans = []
+    for pose, ahead in ((before, x), (after, x + walked)):
+        person = torch.stack([ahead, y, none + 0.15, none + 0.14, none], -1)
+        ranges = cast(pose, torch.stack([*walls, person], dim=1), 1440)
+        noise = 0.025 * torch.randn(ranges.shape, generator=generator, dtype=torch.float64)
+        ranges = torch.where(ranges < 3.5, (ranges + noise).clamp(0.05, 3.499), 3.5)
+        scans.append(min_pool(ranges.float(), 8))
+    return ScanPairs(*scans, se2.relative(after, before).float())
+
+
 def _walls(size: Tensor) -> Tensor:
     """Four walls of 0.2 m around rooms of half size ``size [S, 2]``: ``[S, 4, 5]``."""
     hx, hy = size.unbind(-1)

@@ -14,6 +14,7 @@ from torchrl.envs.utils import check_env_specs
 from navrl import keys
 from navrl.ops import se2
 from navrl.ops.pooling import min_pool
+from navrl.ops.unicycle import advance_poses
 from navrl.transforms import (
     TAGD,
     GoalPosition,
@@ -276,6 +277,64 @@ class TestICPAlignRobust(TestICPAlign):
 
     def in_foreign_env(self):
         return [*strangers_scan(), strangers_icp(initialization="rotation_search")]
+
+
+class TestICPAlignWithOdometry(TestICPAlign):
+    """A prior from poses, the quality, and alignment on a full range."""
+
+    OUT_KEYS = (
+        keys.ALIGNED_POINTS,
+        keys.ICP_TRANSFORM,
+        keys.ICP_CONVERGED,
+        keys.ICP_INLIERS,
+        keys.ICP_QUALITY,
+    )
+
+    def before(self):
+        full = [keys.POINTS_FULL, keys.RETURNS_FULL]
+        past = [keys.PREVIOUS_POINTS_FULL, keys.PREVIOUS_RETURNS_FULL]
+        return [
+            MinPool(group_size=1, max_range=2.5),
+            MinPool(group_size=1, out_keys=["ranges_full", *full]),
+            ScanHistory(),
+            ScanHistory(in_keys=[*full, keys.POSE], out_keys=[*past, keys.PREVIOUS_POSE]),
+        ]
+
+    def make(self, **kwargs):
+        kwargs.setdefault("out_keys", self.OUT_KEYS)
+        return ICPAlign(prior="pose", full_range=True, converged="quality", **kwargs)
+
+    def in_foreign_env(self):
+        return [*strangers_scan(), strangers_icp()]
+
+    def test_transform_at_reset_is_the_identity(self):
+        root = make_env(self.steps()).reset()
+        assert root[keys.ICP_TRANSFORM].abs().max() < 1e-6
+
+    def test_velocity_gives_the_prior_of_a_step(self):
+        velocity = torch.tensor([[0.5, 0.8]])
+        transform = ICPAlign(prior="velocity", time_step_s=0.2)._motion(velocity)
+        after = advance_poses(torch.zeros(1, 3, dtype=torch.float64), velocity.double(), 0.2)
+        torch.testing.assert_close(transform, se2.inverse(after))
+
+    def test_quality_threshold_decides_convergence(self):
+        rollout = self.rollout()
+        share, rms, _, _ = rollout[keys.ICP_QUALITY].unbind(-1)
+        is_good = (share >= 0.8) & (rms <= 0.035)
+        converged = rollout[keys.ICP_CONVERGED].squeeze(-1)
+        assert not (converged & ~is_good).any()
+        assert 0.1 < converged.float().mean() < 0.9  # large steps, few beams
+        strict = ICPAlign(converged="quality", max_rms=1e-9)
+        assert not strict(rollout.select(*strict.in_keys))[keys.ICP_CONVERGED].all()
+
+    @pytest.mark.parametrize(
+        "option",
+        [{"prior": "gps"}, {"converged": "yes"}, {"min_eigenvalue": 2.0}, {"max_rms": 0.0}],
+    )
+    def test_bad_option_is_named(self, option):
+        ((name, value),) = option.items()
+        with pytest.raises(ValueError, match=f"{name}={value!r}: must be"):
+            ICPAlign(**option)
 
 
 class TestNoAlignment(TransformContract):
