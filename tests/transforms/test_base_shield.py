@@ -1,4 +1,4 @@
-"""A shield that knows the base: its limits of acceleration, and the delays of commands and scans."""
+"""A shield that knows the base: its limits of acceleration and its delays."""
 
 import math
 

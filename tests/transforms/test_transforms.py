@@ -564,6 +564,17 @@ class TestCompose:
         chain = compose(pool=MinPool(), history=None, last=Normalize())
         assert [type(step) for step in chain] == [MinPool, Normalize]
 
+    def test_added_steps_of_the_scan_follow_the_pooling(self):
+        steps = {name: ScanHistory(["a"], ["b"]) for name in ("clean", "min_pool", "icp_align")}
+        added = {
+            name: ScanHistory(["a"], ["b"]) for name in ("pose_history", "motion_compensation")
+        }
+        chain = list(compose(**steps, **added))
+        wanted = ["clean", "min_pool", "motion_compensation", "pose_history", "icp_align"]
+        every = steps | added
+        assert [id(step) for step in chain] == [id(every[name]) for name in wanted]
+        assert list(compose(**added)) == list(added.values())
+
     def test_compose_names_objects_that_are_no_transform(self):
         with pytest.raises(ValueError, match=r"transforms\.pool=42: must be"):
             compose(pool=42)
