@@ -87,7 +87,8 @@ def check_policy(cfg: DictConfig, is_bundle: bool) -> None:
                 f"change.{part}: policy={cfg.policy} has none; must be below one of "
                 f"{', '.join(f'change.{name}' for name in allowed)}"
             )
-    for key, value in flat_values(cfg.get("controller") or {}).items():
+    controller = cfg.get("controller")
+    for key, value in ({} if controller is None else flat_values(controller)).items():
         raise ValueError(
             f"controller.{key}={value}: no effect; +change.controller.{present_key(key)}={value} "
             "changes the policy's controller"
