@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.envs.transformed import base_env
-from navrl.evaluation.recording import DECIDED, OBSERVED, Recording
+from navrl.evaluation.recording import DECIDED, OBSERVED, REQUESTED, Recording
 from navrl.evaluation.rollout import ERROR, EpisodeRecord, evaluate
-from navrl.evaluation.series import true_pose
+from navrl.evaluation.series import requested_command, true_pose
 from navrl.worlds import Scenario, ScenarioBatch
 
 
@@ -42,11 +43,12 @@ class EpisodeRecorder:
         if not self._observed:
             self._observed.append(_observed(stepped))
         self._observed.append(_observed(after))
-        # The environment's action, after its transforms of the policy's action.
-        command = self._env.transform.inv(stepped.exclude("next"))
-        attention = [name for name in DECIDED if name != keys.ACTION]
-        decided = {**_copies(stepped, attention), **_copies(command, [keys.ACTION])}
-        self._decided.append(decided)
+        commands = {
+            keys.ACTION: after[keys.COMMAND],
+            REQUESTED: requested_command(self._env, stepped),
+        }
+        attention = [name for name in DECIDED if name not in commands]
+        self._decided.append({**_copies(stepped, attention), **_copies(commands, commands)})
         terms = after.get(keys.REWARD_TERMS)
         self._terms.append(_copies(terms, terms.keys()))
         self._contact.append(_copies(after, [keys.CONTACT])[keys.CONTACT])
@@ -110,7 +112,9 @@ def _observed(step: TensorDictBase) -> dict[str, np.ndarray]:
     return {**_copies(step, OBSERVED), keys.POSE: pose}
 
 
-def _copies(step: TensorDictBase, names: Iterable[str]) -> dict[str, np.ndarray]:
+def _copies(
+    step: TensorDictBase | dict[str, Tensor], names: Iterable[str]
+) -> dict[str, np.ndarray]:
     found = {name: step.get(name, None) for name in names}
     return {k: v.detach().cpu().numpy().copy() for k, v in found.items() if v is not None}
 

@@ -19,6 +19,7 @@ from navrl.worlds import Scenario
 _FORMAT = "navrl-recording-1"
 _REMEDY = "delete it or record the episode again"
 TERM = f"{keys.REWARD_TERMS}/"
+REQUESTED = "requested"  # the policy's command before a shield
 OBSERVED = {  # shape without the time axis; None is any size
     keys.POSE: (3,),
     keys.PEDESTRIAN_BOXES: (None, 5),
@@ -31,6 +32,7 @@ OBSERVED = {  # shape without the time axis; None is any size
 }
 DECIDED = {
     keys.ACTION: (None,),
+    REQUESTED: (None,),
     keys.SPATIAL_ATTENTION: (None,),
     keys.TEMPORAL_ATTENTION: (None,),
 }
@@ -62,7 +64,8 @@ class Recording:
         tagd: ``[T + 1, N_c, 4]`` m, (c_{t-1}, c_t), robot frame.
         tagd_valid: ``[T + 1, N_c, 2]`` bool, which centroids are valid.
         waypoints: ``[T + 1, N_f, 2]`` m, robot frame.
-        action: ``[T, C]`` physical command, e.g. (v, w) in m/s and rad/s.
+        action: ``[T, C]`` driven command, e.g. (v, w) in m/s and rad/s, as the simulator got it.
+        requested: ``[T, C]`` the policy's command before a shield; ``None`` in older files.
         spatial_attention: ``[T, N_b]``, sums to 1.
         temporal_attention: ``[T, N_c]``, sums to 1.
         reward_terms: ``[T]`` weighted contribution of each term, by name.
@@ -96,6 +99,7 @@ class Recording:
     tagd: np.ndarray | None = None
     tagd_valid: np.ndarray | None = None
     waypoints: np.ndarray | None = None
+    requested: np.ndarray | None = None
     spatial_attention: np.ndarray | None = None
     temporal_attention: np.ndarray | None = None
     contact: int | None = None

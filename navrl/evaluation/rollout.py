@@ -195,7 +195,7 @@ def _play_chunk(
         watch = {"on_step": on_step, "recorder": recorder, "metrics": metrics}
         play = partial(_play_chunk, env, policy, scenarios, **watch)
         return [record for half in halves for record in play(chunk=half)]
-    trajectory = series.trajectory(env, batch[torch.arange(len(chunk))], len(chunk))
+    trajectory = series.trajectory(batch[torch.arange(len(chunk))], len(chunk))
     values = {name: found.tolist() for name, found in measure(trajectory, metrics).items()}
     records = [
         _record(trajectory, values, batch, row, index, solved) for row, index in enumerate(chunk)
@@ -216,7 +216,7 @@ def _play(
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         with torch_on_one_thread():
             carrier = env.reset()
-        series = Series(carrier)
+        series = Series(env, carrier)
         while bool(series.running.any()):
             decided = policy(carrier)
             _check_action(decided[keys.ACTION], series.running)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.envs import TransformedEnv
+from torchrl.envs import Compose, Transform, TransformedEnv
 
 from navrl import keys
 from navrl.envs.transformed import base_env
 from navrl.evaluation.metrics import Trajectory
+from navrl.transforms import ActionShield
 from navrl.worlds import ScenarioBatch
 
 
@@ -18,10 +21,44 @@ def true_pose(observed: TensorDictBase) -> Tensor:
     return observed.get(keys.TRUE_POSE if keys.TRUE_POSE in observed else keys.POSE)
 
 
-class Series:
-    """Time series of N worlds for the metrics."""
+def requested_command(env: TransformedEnv, stepped: TensorDictBase) -> Tensor:
+    """Return ``[*B, C]``, the policy's command in a transition before any shield.
 
-    def __init__(self, carrier: TensorDictBase) -> None:
+    Args:
+        env: Environment with the policy's transforms.
+        stepped: Transition of ``env``.
+    """
+    driven = stepped["next", keys.COMMAND]
+    steps = list(_leaves(env.transform))
+    if not any(isinstance(step, ActionShield) for step in steps):
+        return driven
+    before = stepped.exclude("next")
+    for step in reversed(steps):
+        if not isinstance(step, ActionShield):
+            before = step.inv(before)
+    return before[keys.ACTION].to(driven.dtype)
+
+
+def _leaves(transform: Transform) -> Iterator[Transform]:
+    """Yield the transforms of nested chains in order."""
+    for step in transform if isinstance(transform, Compose) else ():
+        yield from _leaves(step)
+    if not isinstance(transform, Compose):
+        yield transform
+
+
+class Series:
+    """Time series of N worlds for the metrics.
+
+    Args:
+        env: Environment with the policy's transforms.
+        carrier: Observation after the reset.
+    """
+
+    def __init__(self, env: TransformedEnv, carrier: TensorDictBase) -> None:
+        self._env = env
+        self._command: list[Tensor] = []
+        self._requested: list[Tensor] = []
         self._pose = [true_pose(carrier)]
         self._pedestrians = [carrier[keys.PEDESTRIAN_BOXES]]
         self._steps = torch.zeros(len(carrier), dtype=torch.int64, device=carrier.device)
@@ -31,6 +68,8 @@ class Series:
     def add(self, stepped: TensorDictBase) -> None:
         """Add a step; worlds that have ended stay ended."""
         following = stepped.get("next")
+        self._command.append(following[keys.COMMAND])
+        self._requested.append(requested_command(self._env, stepped))
         self._pose.append(true_pose(following))
         self._pedestrians.append(following[keys.PEDESTRIAN_BOXES])
         self._steps = self._steps + self.running
@@ -39,18 +78,15 @@ class Series:
         self._contact = torch.where(ends, following[keys.CONTACT].squeeze(-1), self._contact)
         self.running = self.running & ~ends
 
-    def trajectory(self, env: TransformedEnv, scenarios: ScenarioBatch, count: int) -> Trajectory:
+    def trajectory(self, scenarios: ScenarioBatch, count: int) -> Trajectory:
         """Return the first ``count`` worlds' episodes."""
-        simulator = base_env(env).simulator
-        pose, pedestrians = (
-            torch.stack(series, dim=1)[:count].cpu().numpy()
-            for series in (self._pose, self._pedestrians)
-        )
+        simulator = base_env(self._env).simulator
+        series = (self._pose, self._pedestrians, self._command, self._requested)
+        arrays = (torch.stack(steps, dim=1)[:count].cpu().numpy() for steps in series)
         last = (self._steps, self._outcome, self._contact)
         return Trajectory.from_series(
             scenarios,
-            pose,
-            pedestrians,
+            *arrays,
             *(value[:count].cpu().numpy() for value in last),
             time_step_s=simulator.time_step_s,
             robot_radius=simulator.robot.radius,

@@ -232,3 +232,42 @@ def test_bad_shapes_are_named():
         metrics.Trajectory(**{**values, "contact": np.zeros(2)})
     with pytest.raises(ValueError, match="num_steps"):
         metrics.Trajectory(**{**values, "num_steps": np.array([2])})
+
+
+def steering(*command, requested=None):
+    """Return all metrics of a robot that was given the commands (v, w)."""
+    made = trajectory(*along(*range(len(command) + 1)), command=command, requested=requested)
+    return {name: found[0] for name, found in measure(made).items()}
+
+
+def test_reversals_count_strong_turns_of_both_signs():
+    w = [0.6, -0.6, -0.6, 0.4, -0.6, 0.6]  # reversals in changes 1 and 5 of 5
+    assert steering(*((1.0, rate) for rate in w))["turn_reversal_share"] == pytest.approx(0.4)
+    assert steering((1.0, 0.5), (1.0, -0.5))["turn_reversal_share"] == 0.0  # must exceed 0.5
+    assert np.isnan(steering((1.0, 0.6))["turn_reversal_share"])  # one step has no change
+
+
+def test_percentiles_of_changes_pool_the_steps():
+    found = steering(*((0.1 * k * k, -0.5 * k * k) for k in range(5)))  # 0.1 and 0.5 x (1, 3, 5, 7)
+    assert found["speed_change_p90_mps"] == pytest.approx(0.64)  # at 2.7 of 0 to 3: 0.5 + 0.7 * 0.2
+    assert found["speed_change_p95_mps"] == pytest.approx(0.67)
+    assert found["turn_rate_change_p90_radps"] == pytest.approx(3.2)
+    assert found["turn_rate_change_p95_radps"] == pytest.approx(3.35)
+
+
+def test_largest_turn_rate_excludes_the_first_second():
+    w = [3.0, 0.1, 0.1, 0.1, -2.0, 0.1, -0.2]  # steps of 0.2 s: the sixth starts after 1 s
+    assert steering(*((1.0, rate) for rate in w))["max_turn_rate_radps"] == pytest.approx(0.2)
+
+
+def test_turned_angle_is_per_driven_meter():
+    turned = value(metrics.turned_per_meter, *along(0, 1, 2), yaw=[0.0, 0.3, -0.1])
+    assert turned == pytest.approx(0.35)
+    assert np.isnan(value(metrics.turned_per_meter, *along(1, 1, 1), yaw=[0.0, 0.3, -0.1]))
+
+
+def test_shielded_steps_differ_from_the_request():
+    command = [(1.0, 0.0), (0.5, 0.0), (0.5, 0.1), (0.0, 0.0)]
+    requested = [(1.0, 0.0), (1.0, 0.0), (0.5, 0.0), (0.0, 0.0)]
+    assert steering(*command, requested=requested)["shielded_share"] == pytest.approx(0.5)
+    assert np.isnan(value(metrics.shielded, *along(0, 1)))  # commands are not known

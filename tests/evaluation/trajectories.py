@@ -15,6 +15,8 @@ def trajectory(
     *positions,
     yaw=None,
     people=(),
+    command=None,
+    requested=None,
     boxes=(),
     furniture=0,
     path=None,
@@ -27,6 +29,8 @@ def trajectory(
         positions,
         yaw=0.0 if yaw is None else yaw,
         people=people,
+        command=command,
+        requested=requested,
         boxes=boxes,
         num_furniture=furniture,
         path=path,
@@ -35,8 +39,9 @@ def trajectory(
         time_step_s=DT,
         robot_radius=RADIUS,
     )
+    series = ("pose", "pedestrians", "command", "requested")
     return dataclasses.replace(
-        made, pose=_padded(made.pose, padding), pedestrians=_padded(made.pedestrians, padding)
+        made, **{name: _padded(getattr(made, name), padding) for name in series}
     )
 
 

@@ -38,6 +38,16 @@ from navrl.evaluation.metrics.people import (
     min_pedestrian_distance,
     min_time_to_collision,
 )
+from navrl.evaluation.metrics.steering import (
+    max_turn_rate,
+    shielded,
+    speed_change_p90,
+    speed_change_p95,
+    turn_rate_change_p90,
+    turn_rate_change_p95,
+    turn_reversals,
+    turned_per_meter,
+)
 from navrl.evaluation.metrics.table import (
     METRICS,
     OF_ERROR,
@@ -67,6 +77,7 @@ __all__ = [
     "max_acceleration",
     "max_jerk",
     "max_speed",
+    "max_turn_rate",
     "mean_acceleration",
     "mean_jerk",
     "mean_pedestrian_distance",
@@ -76,6 +87,9 @@ __all__ = [
     "min_time_to_collision",
     "moved_into_pedestrian",
     "path_length",
+    "shielded",
+    "speed_change_p90",
+    "speed_change_p95",
     "speeds",
     "spl",
     "stalled_time",
@@ -84,5 +98,9 @@ __all__ = [
     "time_to_goal",
     "time_without_progress",
     "timeout",
+    "turn_rate_change_p90",
+    "turn_rate_change_p95",
+    "turn_reversals",
+    "turned_per_meter",
     "values_of_error",
 ]

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from navrl.evaluation.metrics import efficiency, ending, motion, people
+from navrl.evaluation.metrics import efficiency, ending, motion, people, steering
 from navrl.evaluation.metrics.metric import Metric
 from navrl.evaluation.metrics.trajectory import Trajectory
 
@@ -61,6 +61,14 @@ METRICS: tuple[Metric, ...] = (
     _row("mean_jerk_mps3", "m/s^3", motion.mean_jerk, "lower"),
     Metric("max_jerk_mps3", "m/s^3", motion.max_jerk, "lower"),
     _per_success("heading_change_rad", "rad", motion.cumulative_heading_change, "lower"),
+    _row("turn_reversal_share", "1", steering.turn_reversals, "lower"),
+    Metric("speed_change_p90_mps", "m/s", steering.speed_change_p90, "lower"),
+    _row("speed_change_p95_mps", "m/s", steering.speed_change_p95, "lower"),
+    Metric("turn_rate_change_p90_radps", "rad/s", steering.turn_rate_change_p90, "lower"),
+    _row("turn_rate_change_p95_radps", "rad/s", steering.turn_rate_change_p95, "lower"),
+    Metric("max_turn_rate_radps", "rad/s", steering.max_turn_rate, "lower"),
+    _per_success("turned_per_meter_radpm", "rad/m", steering.turned_per_meter, "lower"),
+    _row("shielded_share", "1", steering.shielded),
     _row("min_pedestrian_distance_m", "m", people.min_pedestrian_distance, "higher"),
     _row("mean_pedestrian_distance_m", "m", people.mean_pedestrian_distance, "higher"),
     _row("beyond_0.45m_share", "1", people.beyond_intimate, "higher"),

@@ -43,6 +43,9 @@ class Trajectory:
         pose: ``[E, T + 1, 3]`` (x, y, yaw) of the robot, m and rad, world.
         pedestrians: ``[E, T + 1, K, 5]`` (cx, cy, hx, hy, yaw), m and rad, world; NaN rows for
             absent ones.
+        command: ``[E, T, C]`` driven command of each step, e.g. (v, w), m/s and rad/s; NaN if
+            unknown.
+        requested: ``[E, T, C]`` the policy's command of each step, before a shield; NaN if unknown.
         boxes: ``[E, W, 5]`` walls and furniture, m and rad, world; NaN rows are padding.
         is_furniture: ``[E, W]`` bool.
         path: ``[E, P, 2]`` m, world; the planned path, padded by repeating the goal.
@@ -65,6 +68,8 @@ class Trajectory:
     contact: np.ndarray
     pose: np.ndarray
     pedestrians: np.ndarray
+    command: np.ndarray
+    requested: np.ndarray
     boxes: np.ndarray
     is_furniture: np.ndarray
     path: np.ndarray
@@ -78,6 +83,8 @@ class Trajectory:
             "contact": (episodes,),
             "pose": (episodes, samples, 3),
             "pedestrians": (episodes, samples, None, 5),
+            "command": (episodes, samples - 1, None),
+            "requested": (episodes, samples - 1, *np.shape(self.command)[2:]),
             "boxes": (episodes, None, 5),
             "is_furniture": (episodes, np.shape(self.boxes)[1]),
             "path": (episodes, None, 2),
@@ -107,6 +114,13 @@ class Trajectory:
         return np.arange(self.pose.shape[1] - 1) < self.num_steps[:, None] - cut
 
     @cached_property
+    def is_command(self) -> np.ndarray:
+        """Mask ``[E, T]`` of steps of their episode with a known command (v, w)."""
+        if self.command.shape[2] != 2:
+            return np.zeros(self.command.shape[:2], dtype=bool)
+        return self.is_sample[:, 1:] & ~np.isnan(self.command).any(-1)
+
+    @cached_property
     def clearances(self) -> np.ndarray:
         """Distance ``[E, T + 1, K]`` m from the robot's hull to each pedestrian.
 
@@ -123,6 +137,8 @@ class Trajectory:
         *,
         yaw: float | Sequence[float] = 0.0,
         people: Sequence[ArrayLike] = (),
+        command: Sequence[Sequence[float]] | None = None,
+        requested: Sequence[Sequence[float]] | None = None,
         boxes: Sequence[Sequence[float]] = (),
         num_furniture: int = 0,
         path: Sequence[Sequence[float]] | None = None,
@@ -138,6 +154,8 @@ class Trajectory:
             positions: (x, y) of each sample, m, world.
             yaw: Of all samples or of each, rad, world.
             people: Box (cx, cy, hx, hy, yaw) of each pedestrian, of all samples or of each.
+            command: Driven (v, w) of each step; None is unknown.
+            requested: The policy's (v, w) of each step; None is the driven one.
             boxes: Box of each wall, then of each piece of furniture.
             num_furniture: Number of furniture boxes.
             path: (x, y) of the planned path; None is the straight line.
@@ -153,6 +171,9 @@ class Trajectory:
         pedestrians = np.zeros((1, count, len(people), 5))
         for index, series in enumerate(people):
             pedestrians[0, :, index] = series
+        driven = np.full((1, count - 1, 2), np.nan)
+        if command is not None:
+            driven[0] = command
         planned = np.array((positions[0], positions[-1]) if path is None else path, np.float32)
         walls = np.array(boxes, dtype=float).reshape(1, -1, 5)
         return cls(
@@ -164,6 +185,8 @@ class Trajectory:
             contact=np.array([contact]),
             pose=pose,
             pedestrians=pedestrians,
+            command=driven,
+            requested=driven if requested is None else np.array([requested], dtype=float),
             boxes=walls,
             is_furniture=np.arange(walls.shape[1])[None] >= walls.shape[1] - num_furniture,
             path=planned[None],
@@ -176,6 +199,8 @@ class Trajectory:
         scenarios: ScenarioBatch,
         pose: np.ndarray,
         pedestrians: np.ndarray,
+        command: np.ndarray,
+        requested: np.ndarray,
         num_steps: np.ndarray,
         outcome: np.ndarray,
         contact: np.ndarray,
@@ -187,6 +212,8 @@ class Trajectory:
             scenarios: Played scenarios, one per row.
             pose: See the class.
             pedestrians: See the class.
+            command: See the class.
+            requested: See the class.
             num_steps: See the class.
             outcome: See the class.
             contact: See the class.
@@ -195,6 +222,8 @@ class Trajectory:
         over = np.arange(pose.shape[1]) > num_steps[:, None]
         pose, pedestrians = pose.astype(np.float64), pedestrians.astype(np.float64)
         pose[over], pedestrians[over] = np.nan, np.nan
+        command, requested = command.astype(np.float64), requested.astype(np.float64)
+        command[over[:, 1:]], requested[over[:, 1:]] = np.nan, np.nan
         index = torch.arange(scenarios.boxes.shape[1])
         is_box = index < scenarios.num_boxes[:, None]
         is_furniture = is_box & (index >= (scenarios.num_boxes - scenarios.num_furniture)[:, None])
@@ -204,6 +233,8 @@ class Trajectory:
             contact=contact,
             pose=pose,
             pedestrians=pedestrians,
+            command=command,
+            requested=requested,
             boxes=scenarios.boxes.masked_fill(~is_box[..., None], torch.nan).numpy(),
             is_furniture=is_furniture.numpy(),
             path=scenarios.path.numpy(),
@@ -233,10 +264,15 @@ class Trajectory:
         people = max(r.pedestrian_boxes.shape[1] for r in recordings)
         shape = (len(steps), steps.max() + 1)
         pose, pedestrians = np.full((*shape, 3), np.nan), np.full((*shape, people, 5), np.nan)
+        size = recordings[0].action.shape[1]
+        command, requested = np.full((2, len(steps), steps.max(), size), np.nan)
         for row, recording in enumerate(recordings):
             boxes = recording.pedestrian_boxes
             pose[row, : len(boxes)] = recording.pose
             pedestrians[row, : len(boxes), : boxes.shape[1]] = boxes
+            command[row, : recording.num_steps] = recording.action
+            if recording.requested is not None:
+                requested[row, : recording.num_steps] = recording.requested
         contact = [
             _CONTACTS.get(outcome, Contact.NONE) if r.contact is None else r.contact
             for r, outcome in zip(recordings, outcomes, strict=True)
@@ -245,6 +281,8 @@ class Trajectory:
             ScenarioBatch.pack([Scenario.from_json(r.scenario) for r in recordings]),
             pose,
             pedestrians,
+            command,
+            requested,
             steps,
             np.array(outcomes, dtype=np.int64),
             np.array(contact, dtype=np.int64),
