@@ -58,10 +58,19 @@ class Evaluation:
         return ", ".join([self.summary["policy"], *(f"{k}={v}" for k, v in changes.items())])
 
     @property
+    def perturbation(self) -> str | None:
+        """Name of the perturbation, ``None`` without one."""
+        return (self.summary.get("perturbation") or {}).get("name")
+
+    @property
     def setting(self) -> tuple[str, str, str]:
-        """Suite, hash of its episodes and simulator, which are equal for all rows of a table."""
-        known = self.summary
-        return str(known["suite"]), str(known["suite_hash"]), str(known["simulator"])
+        """Suite, hash of its episodes and simulator, which are equal for all rows of a table.
+
+        The name of the suite is followed by that of a perturbation, which makes another table.
+        """
+        known, suite = self.summary, str(self.summary["suite"])
+        suite = suite if self.perturbation is None else f"{suite} under {self.perturbation}"
+        return suite, str(known["suite_hash"]), str(known["simulator"])
 
     @property
     def setting_shown(self) -> tuple[str, str, str]:

@@ -11,6 +11,7 @@ _MAX_NAME = 500  # characters; labels of swept policies have about 60
 _SHOWN = 60  # characters of an invalid value in a message
 
 _TEXTS = ("policy", "suite", "suite_hash", "simulator")
+_PERTURBATION = ("name", "kind", "about")
 _PART = {"episodes", "success_rate"}  # keys of each kind of world
 _KNOWN = frozenset(metric.name for metric in METRICS)
 _NEEDED = (*_TEXTS, "episodes", "success_rate", "collision_rate", "timeout_rate")
@@ -78,6 +79,8 @@ def _rule(name: str) -> tuple[Callable[[object], bool], str]:
         return _is_name, f"text of at most {_MAX_NAME} characters"
     if name == "change":
         return _is_change, "an object of plain values"
+    if name == "perturbation":
+        return _is_perturbation, f"an object with {', '.join(_PERTURBATION)}, texts"
     if name == "privileged":
         return lambda value: isinstance(value, bool), "true or false"
     if name == "episodes":
@@ -105,6 +108,10 @@ def _is_name(value: object) -> bool:
 
 def _is_change(value: object) -> bool:
     return value is None or isinstance(value, Mapping)
+
+
+def _is_perturbation(value: object) -> bool:
+    return isinstance(value, Mapping) and all(_is_name(value.get(key)) for key in _PERTURBATION)
 
 
 def _is_interval(value: object) -> bool:

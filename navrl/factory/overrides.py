@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from navrl.config import compose, instantiate
 from navrl.deprecation import present_key
 from navrl.evaluation.kept import KEPT
+from navrl.factory.perturbation import check_perturbation
 from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
 from navrl.policies.names import bundle_folder
@@ -51,11 +52,12 @@ def check_start(cfg: DictConfig) -> None:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
 
     Raises:
-        ValueError: If a check of :func:`check_options`, :func:`check_policy_name` or
-            :func:`check_policy` fails.
+        ValueError: If a check of :func:`check_options`, :func:`check_policy_name`,
+            :func:`check_perturbation` or :func:`check_policy` fails.
     """
     check_options(cfg)
     check_policy_name(cfg.policy)
+    check_perturbation(cfg)
     check_policy(cfg, is_bundle=bundle_folder(cfg.policy) is not None)
 
 

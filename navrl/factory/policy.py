@@ -19,6 +19,7 @@ from navrl.envs.transformed import base_env
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
+from navrl.factory.perturbation import perturbed_parts
 from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
 from navrl.policies import load_bundle
@@ -49,7 +50,7 @@ def make_evaluated_policy(
     """Build the policy named by ``cfg.policy`` and its environment.
 
     A bundle has its own transforms, lidar and robot; a controller uses those of the config.
-    ``cfg.change`` modifies them.
+    ``cfg.perturbation`` and then ``cfg.change`` modify them.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
@@ -93,7 +94,7 @@ def _check_fit(cfg: DictConfig, actor: Callable, env: TransformedEnv) -> None:
 
 
 def make_runner(cfg: DictConfig) -> PolicyRunner | None:
-    """Return the runner of a bundle, modified by ``cfg.change``; ``None`` for a controller.
+    """Return the runner of a bundle, perturbed and changed; ``None`` for a controller.
 
     It drives on every simulated scan, also on an empty one.
 
@@ -110,9 +111,8 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
 
 
 def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
-    """Return a copy of ``cfg`` with a bundle's parts, modified by ``cfg.change``."""
-    own = {part: config[part] for part in PARTS}
-    return _replaced(cfg, _merged(own, _change(cfg)))
+    """Return a copy of ``cfg`` with a bundle's parts, perturbed and changed."""
+    return _replaced(cfg, _modified(cfg, {part: config[part] for part in PARTS}))
 
 
 def policy_name(cfg: DictConfig) -> str:
@@ -167,7 +167,7 @@ def controller_class(policy: str) -> type:
 
 
 def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> DictConfig:
-    """Return a copy of ``cfg`` with a controller as ``controller``, changed by ``cfg.change``.
+    """Return a copy of ``cfg`` with a controller as ``controller``, perturbed and changed.
 
     Args:
         cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
@@ -177,13 +177,15 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
         ValueError: If there is none, listing those there are.
     """
     node = controller_node(cfg.policy) if node is None else node
-    changed = {part: cfg[part] for part in PARTS if part in cfg.change}
-    parts = {"controller": renamed_keys(node), **changed}
-    return _replaced(cfg, _merged(parts, _change(cfg)))
+    names = {*cfg.change, *perturbed_parts(cfg)}
+    modified = {part: cfg[part] for part in PARTS if part in names}
+    return _replaced(cfg, _modified(cfg, {"controller": renamed_keys(node), **modified}))
 
 
-def _change(cfg: DictConfig) -> dict:
-    return renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
+def _modified(cfg: DictConfig, parts: Mapping[str, Any]) -> DictConfig | ListConfig:
+    """Return the parts modified by ``cfg.perturbation``, then by ``cfg.change``."""
+    change = renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
+    return _merged(cast(DictConfig, _merged(parts, perturbed_parts(cfg))), change)
 
 
 def _merged(parts: Mapping[str, Any], change: Mapping[str, Any]) -> DictConfig | ListConfig:

@@ -18,6 +18,7 @@ from navrl.evaluation.recording import Recording
 from navrl.factory.environment import num_threads
 from navrl.factory.metrics import make_metrics
 from navrl.factory.overrides import check_options, check_suite
+from navrl.factory.perturbation import perturbation_summary
 from navrl.factory.policy import (
     bundle_folder,
     controller_node,
@@ -69,6 +70,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         metrics=metrics,
         privileged=start.privileged,
     )
+    summary |= perturbation_summary(cfg)
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
     write_errors(folder, records, scenarios)

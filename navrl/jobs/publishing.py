@@ -79,12 +79,13 @@ def _check_policy(evaluations: Sequence[Evaluation], bundles: Sequence[Path]) ->
     """Check that evaluations with a policy hash belong to one of the bundles.
 
     Raises:
-        ValueError: If the policy is another one, or was modified by ``change``.
+        ValueError: If the policy is another one, or was modified by ``change`` or a perturbation.
     """
     known = {policy_hash(bundle_files(folder)) for folder in bundles}
     for evaluation in evaluations:
         hashed = evaluation.summary.get("policy_hash")
-        if evaluation.summary.get("change") or (hashed is not None and hashed not in known):
+        is_modified = evaluation.summary.get("change") or evaluation.perturbation is not None
+        if is_modified or (hashed is not None and hashed not in known):
             raise ValueError(
                 f"evaluations={evaluation.folder}: of another policy, {evaluation.label}; must be "
                 f"of {' or '.join(map(str, bundles))}"

@@ -135,7 +135,7 @@ def _setting(evaluation: Evaluation) -> tuple[int, float] | None:
     They are read from the episodes, in older files from the configuration or the suite's name.
     """
     name = str(evaluation.summary["suite"])
-    if not name.startswith(("table1", "speed", "density")):
+    if evaluation.perturbation is not None or not name.startswith(("table1", "speed", "density")):
         return None
     configured = _configured_setting(evaluation.folder / "config.yaml")
     return _played_setting(evaluation) or configured or _named_setting(name)

@@ -1,0 +1,61 @@
+"""Named perturbations of an evaluation: what is not as in training."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from omegaconf import DictConfig, OmegaConf
+
+from navrl.config import compose
+from navrl.factory.values import flat_values
+
+UNPERTURBED = "none"
+"""Name of the option without any perturbation."""
+
+_REPLACED = ("robot", "lidar")
+
+
+def perturbed_parts(cfg: DictConfig) -> dict[str, Any]:
+    """Return the values of robot and lidar that replace those of the policy.
+
+    Args:
+        cfg: A composed configuration; without ``perturbation`` nothing is replaced.
+
+    Returns:
+        Plain nodes by part, without the parts that are not perturbed.
+    """
+    node = cfg.get("perturbation") or {}
+    parts = {part: node[part] for part in _REPLACED if node.get(part)}
+    return {
+        part: cast(dict, OmegaConf.to_container(values, resolve=False))
+        for part, values in parts.items()
+    }
+
+
+def perturbation_summary(cfg: DictConfig) -> dict[str, dict[str, str]]:
+    """Return name, kind and label of the perturbation for a summary; empty without one."""
+    node = cfg.get("perturbation")
+    if node is None or node.name == UNPERTURBED:
+        return {}
+    return {"perturbation": {name: str(node[name]) for name in ("name", "kind", "about")}}
+
+
+def check_perturbation(cfg: DictConfig) -> None:
+    """Check that no override contradicts the perturbation, whose name is in the results.
+
+    Args:
+        cfg: A composed ``conf/evaluate.yaml`` or ``conf/play.yaml``.
+
+    Raises:
+        ValueError: If a value of the perturbation was overridden.
+    """
+    name = cfg.perturbation.name
+    unperturbed, found = flat_values(compose("evaluate")), flat_values(cfg)
+    wanted = flat_values(compose("evaluate", [f"perturbation={name}"]))
+    for key in {**wanted, **found}:
+        is_set = key.startswith("perturbation.") or unperturbed.get(key) != wanted.get(key)
+        if is_set and found.get(key) != wanted.get(key):
+            raise ValueError(
+                f"{key}={found.get(key)}: must be {wanted.get(key)}, which is perturbation={name}; "
+                f"for another value write an own perturbation, or choose none"
+            )
