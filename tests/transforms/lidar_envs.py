@@ -26,6 +26,8 @@ class RoomEnv(EnvBase):
             pose=Unbounded((n, 3)),
             path=Unbounded((n, 30, 2)),
             scan_motion=Unbounded((n, 2, 3)),
+            velocity=Unbounded((n, 2)),
+            command=Unbounded((n, 2)),
             shape=(n,),
         )
         self.action_spec = Bounded(-1.0, 1.0, (n, 2))
@@ -33,7 +35,7 @@ class RoomEnv(EnvBase):
         flag = {name: Binary(1, (n, 1), dtype=torch.bool) for name in ("done", "terminated")}
         self.full_done_spec = Composite(flag, shape=(n,))
         self.generator = torch.Generator()
-        self.pose = torch.zeros(n, 3)
+        self.pose, self.command = torch.zeros(n, 3), torch.zeros(n, 2)
 
     def _set_seed(self, seed: int | None) -> None:
         self.generator.manual_seed(seed or 0)
@@ -45,13 +47,15 @@ class RoomEnv(EnvBase):
         mask = None if tensordict is None else tensordict.get("_reset", None)
         pose = 2.0 * self._uniform(*self.batch_size, 3) - 1.0
         self.pose = pose if mask is None else torch.where(mask.view(-1, 1), pose, self.pose)
+        zero = torch.zeros_like(self.command)
+        self.command = zero if mask is None else torch.where(mask.view(-1, 1), zero, self.command)
         return self._observe(torch.zeros(*self.batch_size, 1, dtype=torch.bool))
 
     def _step(self, tensordict: TensorDict) -> TensorDict:
         forward, turn = (0.2 * tensordict["action"]).unbind(-1)
         x, y, yaw = self.pose.unbind(-1)
         pose = torch.stack([x + forward * yaw.cos(), y + forward * yaw.sin(), yaw + turn], dim=-1)
-        self.pose = pose.clamp(-1.9, 1.9)
+        self.pose, self.command = pose.clamp(-1.9, 1.9), tensordict["action"].clone()
         done = self._uniform(*self.batch_size, 1) < self.done_rate
         return self._observe(done).set("reward", torch.zeros(*self.batch_size, 1))
 
@@ -66,6 +70,8 @@ class RoomEnv(EnvBase):
                 "path": path.expand(*self.batch_size, -1, -1).clone(),
                 # any numbers that differ by row and step; the scan itself has no age
                 "scan_motion": torch.stack([0.2 * self.pose, 0.1 * self.pose], dim=-2),
+                "velocity": 0.9 * self.command,
+                "command": self.command.clone(),
                 "done": done,
                 "terminated": done.clone(),
             },

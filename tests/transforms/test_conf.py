@@ -17,6 +17,7 @@ from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
 CONF = Path(__file__).parents[2] / "conf"
 NAMES = sorted(path.stem for path in (CONF / "transforms").glob("*.yaml"))
 OURS = {"spatial": (180, 2), "temporal": (30, 4), "waypoints_scaled": (5, 2)}
+MOTION = ("velocity_scaled", "command_scaled", "command_previous_scaled", "command_earlier_scaled")
 INPUTS = {  # of the networks; those of the pipelines not named here are the paper's
     "distances": {"ranges_pooled_scaled": (180,), "waypoints_scaled": (5, 2)},
     "liang": {
@@ -33,6 +34,11 @@ INPUTS = {  # of the networks; those of the pipelines not named here are the pap
     },
     "navrl_best": {"ranges_history_scaled": (4, 180), "waypoints_scaled": (5, 2)},
     "navrl_best_compensated": {"ranges_history_scaled": (4, 180), "waypoints_scaled": (5, 2)},
+    "navrl_best_robot": {
+        "ranges_history_scaled": (4, 180),
+        **dict.fromkeys(MOTION, (2,)),
+    },
+    "paper_robot": {**OURS, **dict.fromkeys(MOTION, (2,))},
     "perez_darpino": {
         "ranges_pooled_scaled": (128,),
         "goal_position_scaled": (2,),
