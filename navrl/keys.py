@@ -14,6 +14,9 @@ POSE = "pose"  # [*B, 3] (x, y, yaw) of the robot, world
 VELOCITY = "velocity"  # [*B, C] velocity of the robot now, e.g. (v, w), m/s and rad/s
 COMMAND = "command"  # [*B, C] last command, e.g. (v, w), m/s and rad/s; zero after a reset
 PATH = "path"  # [*B, P, 2] global path, world, padded by repeating the goal
+# When a command given now takes effect, by the commands under way; the present without delays:
+MOTION_AHEAD = "motion_ahead"  # [*B, 3] (x, y, yaw), robot at that time, robot frame now
+VELOCITY_AHEAD = "velocity_ahead"  # [*B, C] velocity at that time, e.g. (v, w), m/s and rad/s
 SCAN_MOTION = "scan_motion"  # [*B, 2, 3] (x, y, yaw), robot at first and last beam, robot frame now
 
 # --- outputs of the transforms -------------------------------------------------------------------
@@ -29,6 +32,8 @@ POINTS_FULL = "points_full"  # [*B, N, 2] m, scan t to the sensor's full range, 
 RETURNS_FULL = "returns_full"  # [*B, N] bool
 PREVIOUS_POINTS_FULL = "points_full_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
 PREVIOUS_RETURNS_FULL = "returns_full_previous"  # [*B, N] bool
+POSE_AHEAD = "pose_ahead"  # [*B, 3] (x, y, yaw) of the robot at that time, world
+SCAN_MOTION_AHEAD = "scan_motion_ahead"  # [*B, 2, 3] scan_motion in the robot frame at that time
 PREVIOUS_POSE = "pose_previous"  # [*B, 3] (x, y, yaw) at t-1, world
 PREVIOUS_POINTS = "points_previous"  # [*B, N, 2] m, scan t-1, robot frame at t-1
 PREVIOUS_RETURNS = "returns_previous"  # [*B, N] bool

@@ -46,6 +46,8 @@ class NavigationEnv(EnvBase):
     pose          ``[N, 3]``        (x, y, yaw), world frame, as the localization reports it
     velocity      ``[N, C]``        velocity of the robot, e.g. (v, w), m/s and rad/s
     command       ``[N, C]``        command of the last step, zero after a reset
+    motion_ahead  ``[N, 3]``        robot when a command given now takes effect, present frame
+    velocity_ahead ``[N, C]``       velocity of the robot at that time
     path          ``[N, P, 2]`` m   global path, world frame, padded with the goal
     outcome       ``[N, 1]``        :class:`Outcome` of the last step
     contact       ``[N, 1]``        :class:`navrl.sim.Contact` of the last step
@@ -295,8 +297,11 @@ class NavigationEnv(EnvBase):
         self, state: SimState, ranges: Tensor, outcome: Tensor, terms: Mapping[str, Tensor]
     ) -> TensorDict:
         self._ranges, self._outcome, self._terms = ranges, outcome, dict(terms)
+        motion_ahead, velocity_ahead = self.simulator.motion_ahead()
         observation = {
             keys.RANGES: ranges,
+            keys.MOTION_AHEAD: motion_ahead.float(),
+            keys.VELOCITY_AHEAD: velocity_ahead.float(),
             keys.POSE: self._pose_memory.report(state.pose, self._noise_seed, self._steps),
             keys.VELOCITY: state.velocity,
             keys.COMMAND: self._command,

@@ -33,6 +33,8 @@ def observation_spec(
         keys.VELOCITY: (n, robot.command_size),
         keys.SCAN_MOTION: (n, 2, 3),
         keys.COMMAND: (n, robot.command_size),
+        keys.MOTION_AHEAD: (n, 3),
+        keys.VELOCITY_AHEAD: (n, robot.command_size),
         keys.PATH: (n, MAX_PATH_POINTS, 2),
     }
     if privileged:

@@ -270,6 +270,9 @@ class BatchedSimulator(Simulator):
         yaw = torch.atan2(walls[:, 5], walls[:, 4])
         return torch.cat((walls[:, :4], yaw[:, None]), dim=-1)
 
+    def _velocity(self) -> Tensor:
+        return self._rows["velocity"]
+
     def state_dict(self) -> dict[str, Tensor]:
         rows = {name: rows.clone() for name, rows in self._rows.items()}
         return rows | self.clock_state()

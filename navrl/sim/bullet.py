@@ -271,6 +271,9 @@ class BulletSimulator(Simulator):
         self._check_ready()
         return self._scenes[world].render(width, height)
 
+    def _velocity(self) -> Tensor:
+        return self._rows["velocity"]
+
     def state_dict(self) -> dict[str, Tensor]:
         rows = {name: rows.clone() for name, rows in self._rows.items()}
         return rows | self._scenarios.state_dict() | self.clock_state()

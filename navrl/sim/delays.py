@@ -207,6 +207,21 @@ class CommandQueue:
         """
         return self.rows["waits"] - (self._age[:-1] + 1) * self._substeps
 
+    def upcoming(self) -> tuple[Tensor, Tensor]:
+        """Return the commands that apply before a command given now takes effect.
+
+        Returns:
+            The commands [N, U, C] float64 of the next U substeps, and the number [N] int64 of those
+            substeps before both components of a command given now take effect, without jitter.
+        """
+        count = self.rows["delay"].amax(-1)
+        ahead = torch.arange(self.num_steps * self._substeps, device=count.device)
+        if self.num_steps == 0:
+            return self.rows["pending"], count
+        is_due = self.remaining_substeps()[:, :, None] <= ahead[:, None]  # [N, D, U, 2]
+        newest = torch.where(is_due, self._age[:-1, None], self.num_steps - 1).amin(1)
+        return self.rows["pending"].gather(1, newest[:, :, self._axis]), count
+
     def state_dict(self) -> dict[str, Tensor]:
         """Return copies of all rows; empty without delays."""
         return copied(self.rows, "commands.") if self.num_steps else {}

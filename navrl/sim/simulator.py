@@ -181,6 +181,33 @@ class Simulator(ABC):
         """
         return self.commands.rows["delay"].clone()
 
+    def motion_ahead(self) -> tuple[Tensor, Tensor]:
+        """Return where the robots are and how they move when a command given now takes effect.
+
+        The commands under way are simulated with the parameters of the episodes, without jitter and
+        obstacles. Without delays this is the present.
+
+        Returns:
+            The robot's frame [N, 3] float64 (x, y, yaw) at that time, in its present frame, m and
+            rad, and its velocity [N, C] float64.
+        """
+        commands, count = self.commands.upcoming()
+        velocity = self._velocity()
+        start = velocity.new_zeros(self.num_worlds, 3)
+        if commands.shape[1] == 0:
+            return start, velocity
+        drawn = (self.robot_parameters,) if self.robot_parameters.shape[1] > 0 else ()
+        motion = (start, velocity, commands.transpose(0, 1), self.substep_s)
+        poses, velocities = self.robot.rollout(*motion, *drawn)
+        poses = torch.cat((start[None], poses)).transpose(0, 1)
+        velocities = torch.cat((velocity[None], velocities)).transpose(0, 1)
+        world = torch.arange(self.num_worlds, device=count.device)
+        return poses[world, count], velocities[world, count]
+
+    @abstractmethod
+    def _velocity(self) -> Tensor:
+        """Return the velocities [N, C] float64 of the robots now."""
+
     def skip(self, worlds: Tensor) -> None:  # noqa: B027, ignored by default
         """Mark finished worlds; a simulator may skip them until reset.
 

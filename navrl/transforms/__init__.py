@@ -10,6 +10,7 @@ from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
 from navrl.transforms.motion_compensation import MotionCompensation
+from navrl.transforms.motion_prediction import MotionPrediction
 from navrl.transforms.normalize import Normalize
 from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
@@ -27,6 +28,7 @@ __all__ = [
     "ICPAlign",
     "MinPool",
     "MotionCompensation",
+    "MotionPrediction",
     "Normalize",
     "ObservationMap",
     "RangeHistory",

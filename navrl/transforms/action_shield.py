@@ -74,6 +74,8 @@ class ActionShield(ActionMap):
             runner that the transform is a part of, ``None`` for one that follows them at once.
         base_keys: Velocity ``[*B, 2]`` and the last commands ``[*B, 2]``, latest first, as many as
             the steps of the longest delay; read with a base only.
+        ahead: Whether points and velocity are those at the time when the command takes effect, of
+            :class:`navrl.transforms.MotionPrediction`.
 
     Raises:
         ValueError: If a value is out of range, or later if a key is missing, or the environment has
@@ -115,6 +117,7 @@ class ActionShield(ActionMap):
         action_key: NestedKey | list[str] = keys.ACTION,
         base: Base | Literal["environment"] | None = None,
         base_keys: Keys = (keys.VELOCITY, keys.COMMAND),
+        ahead: bool = False,
     ) -> None:
         names = ["points", "returns", "descriptors", "valid"]
         if base is not None:
@@ -123,7 +126,7 @@ class ActionShield(ActionMap):
         super().__init__(names, scan_keys, action_key)
         if isinstance(base, str) and base != "environment":
             raise ValueError(f"base={base!r}: must be a Base, 'environment' or None")
-        self.base = base
+        self.base, self.ahead = base, ahead
         check_positive(
             radius=radius,
             max_turn_rate=max_turn_rate,
@@ -214,8 +217,10 @@ class ActionShield(ActionMap):
     def _known_base(self) -> Base:
         if self.base is None:
             return IDEAL
-        if isinstance(self.base, Base):
-            return self.base
+        base = self.base if isinstance(self.base, Base) else self._base_of_environment()
+        return base.when_commands_apply() if self.ahead else base
+
+    def _base_of_environment(self) -> Base:
         env = self.container
         while env is not None and not hasattr(env, "base"):
             env = env.container if isinstance(env, Transform) else getattr(env, "base_env", None)

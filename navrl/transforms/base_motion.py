@@ -51,6 +51,10 @@ class Base:
         """Whether commands take effect at once and in full."""
         return self.robot.follows_commands and not any(self.command_delays_s)
 
+    def when_commands_apply(self) -> Base:
+        """Return the base as seen from the time at which a command given now takes effect."""
+        return Base(self.robot, scan_age_s=self.scan_age_s + max(self.command_delays_s))
+
     def places(
         self, commands: Tensor, velocity: Tensor, given: Tensor, times: Sequence[float], step: float
     ) -> Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torchrl.envs import Compose, Transform
 
-AFTER_POOLING = ("motion_compensation", "full_range", "pose_history")
+AFTER_POOLING = ("motion_prediction", "motion_compensation", "full_range", "pose_history")
 """Names of steps that follow ``min_pool``, in this order, wherever they are added."""
 
 
