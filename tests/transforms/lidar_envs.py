@@ -26,7 +26,8 @@ class RoomEnv(EnvBase):
             pose=Unbounded((n, 3)),
             path=Unbounded((n, 30, 2)),
             scan_motion=Unbounded((n, 2, 3)),
-            velocity=Unbounded((n, 2)),
+            motion_ahead=Unbounded((n, 3)),
+            velocity_ahead=Unbounded((n, 2)),
             command=Unbounded((n, 2)),
             shape=(n,),
         )
@@ -70,7 +71,8 @@ class RoomEnv(EnvBase):
                 "path": path.expand(*self.batch_size, -1, -1).clone(),
                 # any numbers that differ by row and step; the scan itself has no age
                 "scan_motion": torch.stack([0.2 * self.pose, 0.1 * self.pose], dim=-2),
-                "velocity": 0.9 * self.command,
+                "motion_ahead": 0.05 * self.pose,
+                "velocity_ahead": 0.9 * self.command,
                 "command": self.command.clone(),
                 "done": done,
                 "terminated": done.clone(),

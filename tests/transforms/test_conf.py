@@ -17,7 +17,7 @@ from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
 CONF = Path(__file__).parents[2] / "conf"
 NAMES = sorted(path.stem for path in (CONF / "transforms").glob("*.yaml"))
 OURS = {"spatial": (180, 2), "temporal": (30, 4), "waypoints_scaled": (5, 2)}
-MOTION = ("velocity_scaled", "command_scaled", "command_previous_scaled", "command_earlier_scaled")
+MOTION = ("velocity_scaled", "command_scaled")
 INPUTS = {  # of the networks; those of the pipelines not named here are the paper's
     "distances": {"ranges_pooled_scaled": (180,), "waypoints_scaled": (5, 2)},
     "liang": {
