@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,10 +12,10 @@ from numpy.typing import ArrayLike
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Composite, Unbounded
-from torchrl.envs import ActionScaling, Compose, EnvBase, Transform, TransformedEnv
+from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl import keys
+from navrl.checks import check_positive
 from navrl.deploy.safety import (
     DriveState,
     SafetyLimits,
@@ -23,12 +24,15 @@ from navrl.deploy.safety import (
     path_state,
     safe_command,
 )
+from navrl.deploy.sensor_env import SensorEnv, read_keys
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
 from navrl.sim import Delays, Lidar, RobotModel
 from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
+
+_OF_VELOCITY = {keys.VELOCITY, keys.VELOCITY_AHEAD, keys.MOTION_AHEAD}
 
 
 class PolicyRunner:
@@ -45,7 +49,9 @@ class PolicyRunner:
         actor: Writes an action in [-1, 1].
         lidar: Lidar of the training: number of beams, maximum range and mount.
         robot: Limits of the command.
-        delays: Delays of scans and commands, for a shield that knows the base; ``None`` for none.
+        delays: Delays of scans and commands, for policies that predict their motion and shields
+            that know the base; ``None`` for none.
+        time_step_s: Time between two calls of :meth:`act`, s, to which the delays relate.
         limits: Conditions under which the robot may drive; defaults of :class:`SafetyLimits`.
 
     Attributes:
@@ -75,15 +81,17 @@ class PolicyRunner:
         robot: RobotModel,
         limits: SafetyLimits | None = None,
         delays: Delays | None = None,
+        time_step_s: float = 0.2,
     ) -> None:
+        check_positive(time_step_s=time_step_s)
         check_lidar(transforms, lidar)
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         self._has_blind_beams = not lidar.coverage.is_full
         self.limits = SafetyLimits() if limits is None else limits
         self.state: DriveState | None = None
-        senses = TransformedEnv(
-            _SensorEnv(lidar, robot, Delays() if delays is None else delays), transforms.clone()
-        )
+        delays = Delays() if delays is None else delays
+        self._base = Base(robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s)
+        senses = TransformedEnv(SensorEnv(lidar, self._base), transforms.clone())
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
         self._env, self._transform = senses, senses.transform
@@ -91,8 +99,10 @@ class PolicyRunner:
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
-        self._driven = np.zeros((1, robot.command_size), dtype=np.float32)
-        self._needs_velocity = keys.VELOCITY in _read_keys(transforms)
+        self.time_step_s = float(time_step_s)
+        steps = math.ceil(max(self._base.command_delays_s) / self.time_step_s)
+        self._given = torch.zeros(1, max(1, steps), robot.command_size)  # latest first
+        self._needs_velocity = not _OF_VELOCITY.isdisjoint(read_keys(transforms))
 
     @classmethod
     def from_bundle(
@@ -120,7 +130,7 @@ class PolicyRunner:
     def reset(self) -> None:
         """Clear the scan history: the next scan is the first of a new drive."""
         self._past = None
-        self._driven = np.zeros_like(self._driven)
+        self._given = torch.zeros_like(self._given)
 
     @torch.no_grad()
     def act(
@@ -169,12 +179,16 @@ class PolicyRunner:
         sensed.update(self._checked_motion(velocity, scan_motion, command))
         answer, self.state = self._decide(sensed, self._sensed_state(ranges, pose, path))
         if answer is not None and self.state is DriveState.DRIVE:
-            self._driven = answer[None].copy()
+            self._give(torch.from_numpy(answer.copy()))
             return answer
-        self._driven = np.zeros_like(self._driven)
+        self._give(torch.zeros(self._robot.command_size))
         if self._past is not None:  # controllers read the action that was driven, which is a stop
             self._past = self._past.copy().set(keys.ACTION, self._stop.clone())
         return np.zeros(self._robot.command_size, dtype=np.float32)
+
+    def _give(self, command: Tensor) -> None:
+        """Store the command of this step as the latest."""
+        self._given = torch.cat((command[None, None], self._given[:, :-1]), dim=1)
 
     def _decide(
         self, sensed: TensorDictBase, state: DriveState
@@ -222,7 +236,7 @@ class PolicyRunner:
         size = self._robot.command_size
         given = {
             keys.VELOCITY: (velocity, (size,)),
-            keys.COMMAND: (self._driven[0] if command is None else command, (size,)),
+            keys.COMMAND: (self._given[0, 0].numpy() if command is None else command, (size,)),
             keys.SCAN_MOTION: (scan_motion, (2, 3)),
         }
         values = {}
@@ -231,7 +245,9 @@ class PolicyRunner:
             if row.shape != shape or not np.isfinite(row).all():
                 raise ValueError(f"{name}: must be {list(shape)} finite numbers, got {value}")
             values[name] = torch.from_numpy(row.copy()).unsqueeze(0)
-        return values
+        self._given[:, 0] = values[keys.COMMAND]
+        ahead = self._base.ahead(values[keys.VELOCITY], self._given, self.time_step_s)
+        return values | dict(zip((keys.MOTION_AHEAD, keys.VELOCITY_AHEAD), ahead, strict=True))
 
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
         ranges = _single(ranges)
@@ -257,52 +273,7 @@ class PolicyRunner:
         return TensorDict({k: torch.from_numpy(v).unsqueeze(0) for k, v in values.items()}, [1])
 
 
-def _read_keys(transforms: Transform) -> set[str]:
-    """Return the keys that the steps of a pipeline read."""
-    steps = transforms if isinstance(transforms, Compose) else [transforms]
-    return {
-        key
-        for step in steps
-        for key in (*(step.in_keys or ()), *getattr(step, "scan_keys", ()))
-        if isinstance(key, str)
-    }
-
-
 def _single(values: ArrayLike) -> np.ndarray:
     """Convert ``values`` to float32; too large values become infinite."""
     with np.errstate(over="ignore"):
         return np.asarray(values, dtype=np.float32)
-
-
-class _SensorEnv(EnvBase):
-    """Observation and action specs of a robot for the transforms; it is never stepped."""
-
-    def __init__(self, lidar: Lidar, robot: RobotModel, delays: Delays) -> None:
-        super().__init__(batch_size=torch.Size([1]))
-        self.base = Base(robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s)
-        rows = torch.Size((1, robot.command_size))
-        observation = {
-            keys.RANGES: Bounded(0.0, lidar.max_range, shape=torch.Size((1, lidar.num_beams))),
-            keys.POSE: Unbounded(torch.Size((1, 3)), dtype=torch.float64),
-            keys.PATH: Unbounded(torch.Size((1, MAX_PATH_POINTS, 2)), dtype=torch.float64),
-            keys.VELOCITY: Unbounded(rows),
-            keys.COMMAND: Unbounded(rows),
-            keys.SCAN_MOTION: Unbounded(torch.Size((1, 2, 3))),
-        }
-        if not lidar.coverage.is_full:
-            observation[keys.MEASURED] = Binary(
-                lidar.num_beams, dtype=torch.bool, shape=torch.Size((1, lidar.num_beams))
-            )
-        self.observation_spec = Composite(observation, shape=(1,))
-        low, high = robot.bounds()
-        self.action_spec = Bounded(low.unsqueeze(0), high.unsqueeze(0))
-        self.reward_spec = Unbounded(torch.Size((1, 1)))
-
-    def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
-        raise NotImplementedError("a robot is not reset")
-
-    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        raise NotImplementedError("a robot is not stepped")
-
-    def _set_seed(self, seed: int | None) -> None:
-        pass

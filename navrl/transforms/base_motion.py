@@ -12,7 +12,8 @@ from torch import Tensor
 
 from navrl.ops.unicycle import advance_poses
 
-_MAX_SUBSTEP_S = 0.05  # of the prediction; the simulators use 0.02 s
+_CHECK_SUBSTEP_S = 0.05  # for many commands
+_AHEAD_SUBSTEP_S = 0.02  # for the one under way, as in the simulators
 _TOLERANCE = 1e-6  # steps
 
 
@@ -73,7 +74,7 @@ class Base:
         if self.is_ideal:
             driven = commands.unsqueeze(-2) * commands.new_tensor(times).unsqueeze(-1)
             return advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
-        per_check = math.ceil(times[0] / _MAX_SUBSTEP_S)
+        per_check = math.ceil(times[0] / _CHECK_SUBSTEP_S - _TOLERANCE)
         duration = times[0] / per_check
         rows = [
             self._active(commands, given, index * duration, step)
@@ -83,6 +84,27 @@ class Base:
         now = velocity.to(commands).unsqueeze(1).expand_as(commands)
         poses, _ = self.robot.rollout(start, now, torch.stack(rows), duration)
         return poses[per_check - 1 :: per_check, ..., :2].movedim(0, -2)
+
+    def ahead(self, velocity: Tensor, given: Tensor, step: float) -> tuple[Tensor, Tensor]:
+        """Return where the base is and how it moves when a command given now takes effect.
+
+        Args:
+            velocity: ``[N, C]`` now, e.g. (v, w), m/s and rad/s.
+            given: ``[N, D, C]``, commands of the last D steps, latest first.
+            step: Time between two commands, s.
+
+        Returns:
+            Frame ``[N, 3]`` (x, y, yaw) in the present frame, m and rad, and velocity ``[N, C]``.
+        """
+        start = velocity.new_zeros(len(velocity), 3)
+        delay = max(self.command_delays_s)
+        if delay == 0.0:
+            return start, velocity
+        count = math.ceil(delay / _AHEAD_SUBSTEP_S - _TOLERANCE)
+        latest, duration = given[:, :1], delay / count
+        rows = [self._active(latest, given, k * duration, step)[:, 0] for k in range(count)]
+        poses, velocities = self.robot.rollout(start, velocity, torch.stack(rows), duration)
+        return poses[-1], velocities[-1]
 
     def _active(self, commands: Tensor, given: Tensor, time: float, step: float) -> Tensor:
         """Return the commands ``[N, S, 2]`` that apply ``time`` seconds from now."""

@@ -1,0 +1,62 @@
+"""Environment that stands for a robot's sensors: specs for the transforms of a runner."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import Compose, EnvBase, Transform
+
+from navrl import keys
+from navrl.sim import Lidar, RobotModel
+from navrl.transforms import Base
+from navrl.worlds.scenario import MAX_PATH_POINTS
+
+
+def read_keys(transforms: Transform) -> set[str]:
+    """Return the keys that the steps of a pipeline read."""
+    steps = transforms if isinstance(transforms, Compose) else [transforms]
+    return {
+        key
+        for step in steps
+        for key in (*(step.in_keys or ()), *getattr(step, "scan_keys", ()))
+        if isinstance(key, str)
+    }
+
+
+class SensorEnv(EnvBase):
+    """Observation and action specs of a robot for the transforms; it is never stepped."""
+
+    def __init__(self, lidar: Lidar, base: Base) -> None:
+        super().__init__(batch_size=torch.Size([1]))
+        self.base, robot = base, cast(RobotModel, base.robot)
+        rows = torch.Size((1, robot.command_size))
+        observation = {
+            keys.RANGES: Bounded(0.0, lidar.max_range, shape=torch.Size((1, lidar.num_beams))),
+            keys.POSE: Unbounded(torch.Size((1, 3)), dtype=torch.float64),
+            keys.PATH: Unbounded(torch.Size((1, MAX_PATH_POINTS, 2)), dtype=torch.float64),
+            keys.VELOCITY: Unbounded(rows),
+            keys.COMMAND: Unbounded(rows),
+            keys.MOTION_AHEAD: Unbounded(torch.Size((1, 3))),
+            keys.VELOCITY_AHEAD: Unbounded(rows),
+            keys.SCAN_MOTION: Unbounded(torch.Size((1, 2, 3))),
+        }
+        if not lidar.coverage.is_full:
+            observation[keys.MEASURED] = Binary(
+                lidar.num_beams, dtype=torch.bool, shape=torch.Size((1, lidar.num_beams))
+            )
+        self.observation_spec = Composite(observation, shape=(1,))
+        low, high = robot.bounds()
+        self.action_spec = Bounded(low.unsqueeze(0), high.unsqueeze(0))
+        self.reward_spec = Unbounded(torch.Size((1, 1)))
+
+    def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
+        raise NotImplementedError("a robot is not reset")
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        raise NotImplementedError("a robot is not stepped")
+
+    def _set_seed(self, seed: int | None) -> None:
+        pass
