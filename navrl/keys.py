@@ -77,6 +77,9 @@ TRUE_POSE = "true_pose"  # [*B, 3], world; only if the reported pose is not exac
 PEDESTRIAN_BOXES = "pedestrian_boxes"  # [*B, K, 5] (cx, cy, hx, hy, yaw), world; NaN where absent
 PEDESTRIAN_CLEARANCE = "pedestrian_clearance"  # [*B, 1] m, surface to surface; inf without any
 
+# --- exploration, from step to step ---------------------------------------------------------------
+EXPLORATION_NOISE = "exploration_noise"  # [*B, C] unit variance; NaN where an episode starts
+
 # --- only between workers and learner ------------------------------------------------------------
 WORKER = "worker"  # [*B, 1] int64, index of the worker
 MAX_DYNAMIC = "max_dynamic"  # [*B, 1] int64, curriculum level of new episodes

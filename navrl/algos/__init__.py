@@ -1,7 +1,8 @@
 """Reinforcement learning algorithms based on TorchRL's losses."""
 
+from navrl.algos.action_smoothness import ActionSmoothness
 from navrl.algos.ddpg import DDPG
-from navrl.algos.exploration import GaussianExploration
+from navrl.algos.exploration import CorrelatedExploration, GaussianExploration
 from navrl.algos.precision import Precision
 from navrl.algos.protocols import Algorithm, Exploration, NonFiniteUpdateError
 from navrl.algos.td3 import TD3
@@ -9,7 +10,9 @@ from navrl.algos.td3 import TD3
 __all__ = [
     "DDPG",
     "TD3",
+    "ActionSmoothness",
     "Algorithm",
+    "CorrelatedExploration",
     "Exploration",
     "GaussianExploration",
     "NonFiniteUpdateError",

@@ -20,6 +20,7 @@ from torch import Tensor
 from torchrl.objectives import DDPGLoss, TD3Loss
 from torchrl.objectives.utils import distance_loss
 
+from navrl.algos.action_smoothness import ActionSmoothness
 from navrl.keys import ACTION
 
 
@@ -39,6 +40,7 @@ class BoundDDPGLoss(DDPGLoss):
         super().__init__(
             actor, critic, loss_function=loss_function, delay_actor=True, delay_value=True
         )
+        self.smoothness = ActionSmoothness()  # no penalty
         self._bound: tuple[TensorDictModule, ...] = ()
 
     def _bind(self) -> tuple[TensorDictModule, ...]:
@@ -79,12 +81,16 @@ class BoundDDPGLoss(DDPGLoss):
         value = _q_value(critic, encoded, tensordict.get(ACTION)).squeeze(-1)
         loss_value = distance_loss(value, target_value, loss_function=self.loss_function)
         without_gradient = tuple(part.detach() for part in encoded)
-        policy_value = _q_value(frozen_critic, without_gradient, _call(actor, tensordict))
+        policy_action = _call(actor, tensordict)
+        policy_value = _q_value(frozen_critic, without_gradient, policy_action)
+        loss_actor = -policy_value.mean()
+        if self.smoothness.is_active:
+            loss_actor = loss_actor + self.smoothness(actor, tensordict, policy_action)
         td_error = (value - target_value).detach().square()
         tensordict.set(self.tensor_keys.priority, td_error)
         return TensorDict(
             {
-                "loss_actor": -policy_value.mean(),
+                "loss_actor": loss_actor,
                 "loss_value": loss_value.mean(),
                 "pred_value": value,
                 "target_value": target_value,
@@ -122,6 +128,7 @@ class BoundTD3Loss(TD3Loss):
             loss_function=loss_function,
             deactivate_vmap=True,  # autocast has no effect within vmap on the CPU
         )
+        self.smoothness = ActionSmoothness()  # no penalty
         self._bound: tuple[TensorDictModule, ...] = ()
 
     def _bind(self) -> tuple[TensorDictModule, ...]:
@@ -187,8 +194,10 @@ class BoundTD3Loss(TD3Loss):
         }
         if with_actor:
             without_gradient = tuple(part.detach() for part in encoded[0])
-            policy_value = _q_value(frozen, without_gradient, _call(actor, tensordict))
-            terms["loss_actor"] = -policy_value.mean()
+            policy_action = _call(actor, tensordict)
+            terms["loss_actor"] = -_q_value(frozen, without_gradient, policy_action).mean()
+            if self.smoothness.is_active:
+                terms["loss_actor"] += self.smoothness(actor, tensordict, policy_action)
         return TensorDict(terms, [])
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
+from navrl.algos.action_smoothness import ActionSmoothness
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
 from navrl.algos.bound_losses import BoundDDPGLoss
 from navrl.algos.cuda_graph import CapturedUpdates, Move
@@ -38,6 +39,10 @@ class DDPG:
             ``"tfloat32"`` to round only their inputs, supported by GPUs but not by CPUs; or
             ``"auto"`` for the fastest, see :class:`navrl.algos.precision.Precision`.
         fused_optimizer: Whether Adam uses a single pass over memory instead of a dozen.
+        action_smoothness: Arguments of :class:`navrl.algos.ActionSmoothness`, a penalty in the loss
+            of the actor; ``None`` is none.
+        actor_starts_updates: Number of first updates that change the critic only, for an actor that
+            is better than a new critic (``warm_start``).
         cuda_graph: Whether updates are recorded as CUDA graphs and replayed; see
             :class:`navrl.algos.cuda_graph.CapturedUpdates`. Networks must be on a CUDA device. A
             non-finite update is reported a few updates later; weights are not modified in between.
@@ -66,6 +71,8 @@ class DDPG:
         precision: str = "float32",
         fused_optimizer: bool = True,
         cuda_graph: bool = False,
+        action_smoothness: Mapping[str, float] | None = None,
+        actor_starts_updates: int = 0,
     ) -> None:
         if not 0 <= gamma <= 1 or not 0 < tau <= 1:
             raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
@@ -78,10 +85,14 @@ class DDPG:
                 f"actor_learning_rate={actor_learning_rate}, critic_learning_rate="
                 f"{critic_learning_rate}, max_gradient_norm={max_gradient_norm}: must be > 0"
             )
+        if actor_starts_updates < 0:
+            raise ValueError(f"actor_starts_updates={actor_starts_updates}: must be >= 0")
+        self.actor_starts_updates, self.num_updates = actor_starts_updates, 0
         self.actor = actor
         self.gamma = gamma
         self.max_gradient_norm = max_gradient_norm
         self.loss = self._make_loss(actor, critic, loss_function)
+        self.loss.smoothness = ActionSmoothness(**(action_smoothness or {}))
         self.loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
         self._actor_weights = list(self.loss.actor_network_params.parameters())
         self._critic_weights = list(self._params(self._critic_name).parameters())
@@ -198,10 +209,16 @@ class DDPG:
 
     def _due(self) -> Move:
         """Return the optimizers and targets that the current update changes."""
-        return Move((self.actor_optimizer, self.critic_optimizer), moves_targets=True)
+        actor = (self.actor_optimizer,) if self._actor_learns else ()
+        return Move((*actor, self.critic_optimizer), moves_targets=True)
+
+    @property
+    def _actor_learns(self) -> bool:
+        return self.num_updates >= self.actor_starts_updates
 
     def _count(self) -> None:
         """Count an update that has been launched."""
+        self.num_updates += 1
 
     def _check_captured(self, captured: CapturedUpdates, wait: bool = False) -> None:
         failure = captured.failure(wait)
@@ -239,7 +256,7 @@ class DDPG:
             return self.loss(batch)
 
     def state_dict(self) -> dict:
-        """Return weights, target weights and optimizer states.
+        """Return weights, target weights, optimizer states and the number of updates.
 
         Raises:
             NonFiniteUpdateError: If an earlier recorded update was not finite and has not been
@@ -251,6 +268,7 @@ class DDPG:
             "loss": self.loss.state_dict(),
             "actor_optimizer": self.actor_optimizer.state_dict(),
             "critic_optimizer": self.critic_optimizer.state_dict(),
+            "num_updates": self.num_updates,
         }
 
     def load_state_dict(self, state: dict) -> None:
@@ -260,5 +278,6 @@ class DDPG:
         self.loss.load_state_dict(state["loss"])  # in place: optimizers and targets reference it
         load_adam(self.actor_optimizer, state["actor_optimizer"])
         load_adam(self.critic_optimizer, state["critic_optimizer"])
+        self.num_updates = state.get("num_updates", self.actor_starts_updates)  # of older states
         if self._captured is not None:
             self._captured.reset()

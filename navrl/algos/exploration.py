@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from navrl import keys
@@ -29,11 +32,16 @@ class GaussianExploration:
     Raises:
         ValueError: If a scale or deviation is negative, or ``annealing_frames`` is not positive.
 
+    Attributes:
+        state_keys: Entries of the TensorDict that the noise carries from step to step.
+
     Reference:
         The paper does not specify the noise. The authors' precursor uses an Ornstein-Uhlenbeck
         process with a stationary deviation of about 0.23; independent Gaussian noise is simpler and
         more common.
     """
+
+    state_keys: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -75,5 +83,61 @@ class GaussianExploration:
             )
         if self._std.device != action.device:
             self._std = self._std.to(action.device)
-        noise = torch.randn_like(action) * self._std * self.sigma(frames)
+        noise = self._unit_noise(tensordict, action) * self._std * self.sigma(frames)
         return tensordict.set(keys.ACTION, (action + noise).clamp(-1.0, 1.0))
+
+    def _unit_noise(self, tensordict: TensorDictBase, action: Tensor) -> Tensor:
+        """Return noise ``[N, C]`` of zero mean and unit variance."""
+        return torch.randn_like(action)
+
+
+class CorrelatedExploration(GaussianExploration):
+    """Gaussian noise that is correlated over time, a first-order autoregressive process.
+
+    Between two steps the noise keeps the share a = exp(-time_step_s / correlation_time_s) of its
+    value and gains white noise of variance 1 - a^2, so that its deviation is ``sigma`` in every
+    step. Each world has its own noise, which starts anew with each episode. It is a key of the
+    TensorDict, ``exploration_noise``, so checkpoints include it.
+
+    Args:
+        correlation_time_s: Time after which the autocorrelation is 1 / e, s; 0 is white noise.
+        time_step_s: Time between two actions, s.
+        **schedule: Arguments of :class:`GaussianExploration`.
+
+    Raises:
+        ValueError: If ``correlation_time_s`` is negative, ``time_step_s`` is not positive, or an
+            argument of :class:`GaussianExploration` is out of range.
+
+    Example:
+        >>> from tensordict import TensorDict
+        >>> noise = CorrelatedExploration(correlation_time_s=0.4, sigma_initial=0.1)
+        >>> worlds = TensorDict({"action": torch.zeros(4, 2)}, 4)
+        >>> noise(worlds, frames=0)["exploration_noise"].shape
+        torch.Size([4, 2])
+
+    Reference:
+        The discretized process of Uhlenbeck and Ornstein (1930), as in Lillicrap et al. (2016).
+    """
+
+    state_keys = (keys.EXPLORATION_NOISE,)
+
+    def __init__(
+        self, correlation_time_s: float = 0.4, time_step_s: float = 0.2, **schedule: Any
+    ) -> None:
+        super().__init__(**schedule)
+        if not 0.0 <= correlation_time_s < math.inf or not 0.0 < time_step_s < math.inf:
+            raise ValueError(
+                f"correlation_time_s={correlation_time_s}: must be >= 0; "
+                f"time_step_s={time_step_s}: must be > 0"
+            )
+        decays = correlation_time_s > 0.0
+        self._kept = math.exp(-time_step_s / correlation_time_s) if decays else 0.0
+
+    def _unit_noise(self, tensordict: TensorDictBase, action: Tensor) -> Tensor:
+        noise = torch.randn_like(action)
+        last = tensordict.get(keys.EXPLORATION_NOISE, None)
+        if last is not None:
+            gain = math.sqrt(1.0 - self._kept**2)
+            noise = torch.where(last.isnan(), noise, self._kept * last + gain * noise)
+        tensordict.set(keys.EXPLORATION_NOISE, noise)
+        return noise

@@ -54,7 +54,6 @@ class TD3(DDPG):
             )
         self._noise = target_noise, target_noise_clip
         self.actor_delay = actor_delay
-        self.num_updates = 0
         super().__init__(actor, critic, **options)
         # The last actor loss, logged between actor updates; one tensor, so recordings can read it.
         self._loss_actor = torch.zeros((), device=self._actor_weights[0].device)
@@ -65,8 +64,12 @@ class TD3(DDPG):
         return BoundTD3Loss(actor, critic, loss_function, *self._noise)
 
     @property
+    def _is_delayed(self) -> bool:
+        return self.num_updates % self.actor_delay != 0
+
+    @property
     def _moves_actor(self) -> bool:
-        return self.num_updates % self.actor_delay == 0
+        return self._actor_learns and not self._is_delayed
 
     def _losses(self, batch: TensorDictBase) -> Mapping[str, Tensor]:
         with self.precision.autocast():
@@ -81,18 +84,6 @@ class TD3(DDPG):
         }
 
     def _due(self) -> Move:
-        if self._moves_actor:
+        if not self._is_delayed:
             return super()._due()
         return Move((self.critic_optimizer,), moves_targets=False)
-
-    def _count(self) -> None:
-        self.num_updates += 1
-
-    def state_dict(self) -> dict:
-        """Return weights, target weights, optimizer states and the number of updates."""
-        return {**super().state_dict(), "num_updates": self.num_updates}
-
-    def load_state_dict(self, state: dict) -> None:
-        """Restore a copy of a state of :meth:`state_dict`, saved on any device."""
-        super().load_state_dict(state)
-        self.num_updates = state["num_updates"]

@@ -21,7 +21,8 @@ PARTS = ("transforms", "lidar", "robot")
 
 # Keys allowed when a recording is drawn: those with an effect, and the number of threads.
 _OF_RECORDING = ("recording", "frames_per_s", "num_threads")
-_UNUSED_PARTS = ("suite", "final_simulator", "deployment", "resume", "validation", "sweep")
+_UNUSED_PARTS = ("suite", "final_simulator", "deployment", "resume", "warm_start")
+_UNUSED_PARTS += ("validation", "sweep")
 _SET_BY_ROWS = (
     *(f"schedule.{name}" for name in ("learning_starts", "total_frames", "checkpoint_every_s")),
     *("schedule.log_every_updates", "schedule.evaluate_every_updates"),

@@ -27,6 +27,7 @@ from navrl.factory.environment import (
     make_training_env,
     on_cpu,
 )
+from navrl.factory.warm_start import is_resumed, start_actor, start_critic
 from navrl.policies import save_bundle, saved_metrics
 from navrl.training import Collector, Trainer
 from navrl.training.interruption import shield_resource_tracker
@@ -109,8 +110,12 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     shapes = observation_shapes(probe)
     probe.close()
     actor, critic = make_agent(cfg, shapes)
+    if cfg.get("warm_start") and not is_resumed(folder):
+        start_actor(cfg, actor)
     algorithm = instantiate(cfg.algorithm, actor=actor, critic=critic)
     check_protocol("algorithm", algorithm, Algorithm)
+    if cfg.get("warm_start") and not is_resumed(folder):
+        start_critic(cfg, algorithm)
     return Trainer(
         collector=make_collector(cfg, actor),
         sigma=instantiate(cfg.exploration).sigma,
@@ -130,7 +135,8 @@ class Validation:
     """Evaluation of the actor on fixed scenarios for any number of pedestrians.
 
     Args:
-        cfg: A composed ``conf/train.yaml``.
+        cfg: A composed ``conf/train.yaml``; with ``validation.deployed`` the transforms of the
+            deployed policy are used, e.g. its shield.
         actor: Policy in training, evaluated without noise.
     """
 
@@ -138,8 +144,9 @@ class Validation:
         self._seed, self._count = cfg.validation.seed, cfg.validation.num_episodes
         self._pool = make_pool(cfg, "validation", self._seed, self._count)
         self._actor = actor
+        played = deployed(cfg) if cfg.validation.get("deployed", False) else cfg
         self._env = make_env(
-            make_navigation_env(cfg, self._count, privileged=True), instantiate(cfg.transforms)
+            make_navigation_env(cfg, self._count, privileged=True), instantiate(played.transforms)
         )
 
     def __call__(self, max_dynamic: int) -> dict[str, float]:

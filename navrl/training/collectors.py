@@ -118,7 +118,7 @@ class DirectCollector:
                 self.behavior.act(self._carrier, frames)
             with phases("environment"), torch_on_one_thread():
                 stepped, self._carrier = self.env.step_and_maybe_reset(self._carrier)
-                forget_last_action(self._carrier, stepped["next", "done"])
+                begin_episodes(self._carrier, stepped["next", "done"])
         return 0, stepped
 
     def state_dict(self) -> dict:
@@ -140,6 +140,12 @@ class DirectCollector:
         self.env.close(raise_if_closed=False)
 
 
-def forget_last_action(carrier: TensorDictBase, was_reset: Tensor) -> None:
-    """Set ``action [N, 2]`` to NaN where ``was_reset [N, 1]``: a new episode begins at rest."""
-    carrier.set(keys.ACTION, carrier.get(keys.ACTION).masked_fill(was_reset, torch.nan))
+def begin_episodes(carrier: TensorDictBase, was_reset: Tensor) -> None:
+    """Set the last action and noise ``[N, C]`` to NaN where ``was_reset [N, 1]``.
+
+    A new episode begins at rest, with noise of its own.
+    """
+    for key in (keys.ACTION, keys.EXPLORATION_NOISE):
+        last = carrier.get(key, None)
+        if last is not None:
+            carrier.set(key, last.masked_fill(was_reset, torch.nan))

@@ -14,6 +14,9 @@ class Schedule:
 
     Args:
         total_frames: Environment steps (sum over all worlds) after which training ends.
+        total_seconds: Duration after which training ends, s; ``None`` for no limit. Learning rates,
+            exploration and the end follow whichever of frames and seconds is further. A clock is
+            read, so a training with it cannot be repeated bit for bit.
         frames_per_update: Environment steps per gradient update.
         learning_starts: Environment steps before the first update.
         evaluate_every_updates: Updates between evaluations.
@@ -31,6 +34,7 @@ class Schedule:
     evaluate_every_updates: int = 2_000
     log_every_updates: int = 200
     checkpoint_every_s: float = 180.0
+    total_seconds: float | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -40,10 +44,30 @@ class Schedule:
             log_every_updates=self.log_every_updates,
         )
         check_positive(frames_per_update=self.frames_per_update)
+        if self.total_seconds is not None:
+            check_positive(total_seconds=self.total_seconds)
         if not self.checkpoint_every_s > 0:  # infinite: at the start and the end only
             raise ValueError(f"checkpoint_every_s={self.checkpoint_every_s}: must be > 0 (s)")
         if not self.learning_starts >= 0:
             raise ValueError(f"learning_starts={self.learning_starts}: must be >= 0")
+
+    def share_done(self, progress: Progress) -> float:
+        """Return the completed share of the training, in frames or in seconds; 1 at its end.
+
+        Example:
+            >>> Schedule(total_frames=100, total_seconds=60.0).share_done(Progress(25, seconds=45))
+            0.75
+        """
+        share = progress.frames / self.total_frames
+        if self.total_seconds is None:
+            return share
+        return max(share, progress.seconds / self.total_seconds)
+
+    def scheduled_frames(self, progress: Progress) -> int:
+        """Return the frames at which schedules in frames are read: more if seconds are further."""
+        if self.total_seconds is None:
+            return progress.frames
+        return max(progress.frames, int(self.share_done(progress) * self.total_frames))
 
 
 @dataclass

@@ -115,7 +115,7 @@ class Trainer:
 
     def _start(self) -> None:
         """Start the collector and save the first checkpoint of a new run."""
-        self.collector.start(self.progress.frames, self.curriculum.max_dynamic)
+        self.collector.start(self._scheduled_frames, self.curriculum.max_dynamic)
         self._signals.install()
         if not self.checkpoints.exists:
             self._save()
@@ -126,7 +126,7 @@ class Trainer:
         seconds_before = progress.seconds
         try:
             self._evaluate_if_due()  # a signal may have interrupted the last evaluation
-            while progress.frames < schedule.total_frames:
+            while schedule.share_done(progress) < 1.0:
                 self._signals.check()
                 bar.update(self._collect())
                 before = progress.updates
@@ -147,6 +147,10 @@ class Trainer:
             done = f"{progress.frames} of {schedule.total_frames} frames"
             assert self._signals.received is not None
             raise TrainingStoppedError(self._signals.received, done, self.folder) from None
+
+    @property
+    def _scheduled_frames(self) -> int:
+        return self.schedule.scheduled_frames(self.progress)
 
     def _updates_due(self) -> float:
         if not len(self.replay):  # n-step returns delay the first steps
@@ -170,7 +174,7 @@ class Trainer:
         """Return the next step of the collector; a signal may interrupt workers immediately."""
         try:
             with self._signals.immediate(enabled=not self.collector.resumes_episodes):
-                return self.collector.step(self.progress.frames, self._window.phases)
+                return self.collector.step(self._scheduled_frames, self._window.phases)
         except RuntimeError:
             if self.collector.resumes_episodes or not self._signals.arrives():
                 raise
@@ -184,7 +188,7 @@ class Trainer:
     def _update(self, count: int) -> None:
         """Take ``count`` gradient steps on batches sampled together."""
         window = self._window
-        self.algorithm.anneal(self.progress.frames / self.schedule.total_frames)
+        self.algorithm.anneal(self.schedule.share_done(self.progress))
         for size in _shares(count):
             with window.phases("replay_sample"):
                 batches = self.replay.sample(size)
@@ -215,7 +219,7 @@ class Trainer:
             **window.row(),
             "train/episodes": self.progress.episodes,
             "train/max_dynamic": self.curriculum.max_dynamic,
-            "train/sigma": self.sigma(self.progress.frames),
+            "train/sigma": self.sigma(self._scheduled_frames),
         }
         self._log.log(self.progress.frames, self.progress.updates, row)
         bar.set_postfix(

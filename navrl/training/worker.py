@@ -18,7 +18,7 @@ from torchrl.envs import InitTracker, Transform, TransformedEnv
 from navrl import keys
 from navrl.deprecation import renamed_arguments
 from navrl.training.behavior import Behavior
-from navrl.training.collectors import forget_last_action
+from navrl.training.collectors import begin_episodes
 from navrl.training.replay import Compact
 
 _IS_INIT = "is_init"  # [N, 1] bool: the first step of an episode
@@ -45,6 +45,7 @@ class WorkerPolicy(TensorDictModuleBase):
         self.behavior = deepcopy(behavior)
         self.actor = self.behavior.actor.requires_grad_(False).cpu()
         self.in_keys, self.out_keys = [*self.actor.in_keys], [keys.ACTION, keys.MAX_DYNAMIC]
+        self.out_keys += getattr(behavior.exploration, "state_keys", ())  # carried between steps
         self.register_buffer("frames", torch.zeros((), dtype=torch.int64))
         self.register_buffer("max_dynamic", torch.zeros((), dtype=torch.int64))
 
@@ -65,7 +66,7 @@ class WorkerPolicy(TensorDictModuleBase):
         """Write the action, and the level for the environment to take."""
         last = tensordict.get(keys.ACTION, None)
         if last is not None:  # of the episode before, or zeros that the collector begins with
-            forget_last_action(tensordict, tensordict.get(_IS_INIT))
+            begin_episodes(tensordict, tensordict.get(_IS_INIT))
         level = self.max_dynamic.expand(*tensordict.batch_size, 1)
         tensordict.set(keys.MAX_DYNAMIC, level.clone())
         return self.behavior.act(tensordict, int(self.frames))

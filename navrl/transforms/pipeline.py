@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from torchrl.envs import Compose, Transform
 
+from navrl.transforms.action_shield import ActionShield
+
 AFTER_POOLING = ("motion_prediction", "motion_compensation", "full_range", "pose_history")
 """Names of steps that follow ``min_pool``, in this order, wherever they are added."""
 
 
 def compose(**steps: Transform | None) -> Compose:
-    """Chain named transforms in the given order, those of :data:`AFTER_POOLING` after the pooling.
+    """Chain named transforms in the given order, with the shield as the last check of a command.
 
     Names make each step of a configuration addressable: a user can override a value of a step,
     replace it, append another, or remove it with ``null``. A bundle without, say,
     ``motion_compensation`` can be extended with it, although its configuration ends with others.
+
+    A chain maps actions in reverse: its first step is the last to change a command. So a chain with
+    an :class:`ActionShield` is reordered: observation transforms, shields, then the transforms that
+    change the action (those with ``in_keys_inv``), each group in the given order. The shield reads
+    what every observation transform writes, and checks what every action transform returns, also
+    those that a user appends.
 
     Args:
         **steps: Transforms by name; None omits a step.
@@ -32,13 +40,25 @@ def compose(**steps: Transform | None) -> Compose:
     for name, step in steps.items():
         if step is not None and not isinstance(step, Transform):
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
-    return Compose([steps[name] for name in _ordered(list(steps)) if steps[name] is not None])
+    given = [steps[name] for name in _ordered(list(steps)) if steps[name] is not None]
+    return Compose(sorted(given, key=_rank) if any(map(_is_shield, given)) else given)
 
 
 def _ordered(names: list[str]) -> list[str]:
+    """Return the names with those of :data:`AFTER_POOLING` after the pooling."""
     if "min_pool" not in names:
         return names
     moved = [name for name in AFTER_POOLING if name in names]
     others = [name for name in names if name not in moved]
     after = others.index("min_pool") + 1
     return [*others[:after], *moved, *others[after:]]
+
+
+def _is_shield(step: Transform) -> bool:
+    return isinstance(step, ActionShield)
+
+
+def _rank(step: Transform) -> int:
+    if _is_shield(step):
+        return 1
+    return 2 if step.in_keys_inv else 0

@@ -14,6 +14,7 @@ from navrl.evaluation.archive import EpisodeArchive
 from navrl.evaluation.recorder import EpisodeRecorder, record_episode
 from navrl.evaluation.recording import Recording
 from navrl.factory import make_env, make_navigation_env, observation_shapes
+from navrl.factory.training import deployed
 from navrl.networks import make_actor
 from navrl.policies.classical import PurePursuit, StandStill, UniformRandom
 from navrl.sim import Contact
@@ -100,6 +101,33 @@ def test_recordings_of_different_robots_are_not_stacked(recording):
     other = dataclasses.replace(recording, robot_radius=0.3)
     with pytest.raises(ValueError, match="one robot"):
         Trajectory.from_recordings([recording, other], 1.0)
+
+
+def test_recording_holds_driven_and_requested_commands(tmp_path, cfg, scenario):
+    """With a shield both differ, and metrics of the recording are those of the evaluation."""
+    with_shield = deployed(compose("train", ["+transforms/steps@deployment.transforms=shield"]))
+    env = make_env(
+        make_navigation_env(cfg, 1, privileged=True), instantiate(with_shield.transforms)
+    )
+    robot, seen = env.base_env.simulator.robot, []
+
+    def ahead(tensordict):
+        return tensordict.set(keys.ACTION, torch.tensor([[1.0, 0.0]]))
+
+    batch = ScenarioBatch.pack([scenario])
+    (record,) = evaluate(env, ahead, batch, on_step=lambda step: seen.append(step.clone()))
+    found = record_episode(env, ahead, scenario)
+    found.save(tmp_path / "episode.npz")
+    found = Recording.load(tmp_path / "episode.npz")
+    driven = [step["next", keys.COMMAND][0].numpy() for step in seen]
+    assert np.array_equal(found.action, driven)
+    assert np.allclose(found.requested, [[robot.max_speed, 0.0]], atol=1e-6)
+    share = record.metrics["shielded_share"]
+    assert 0.0 < share < 1.0
+    assert measure(Trajectory.from_recordings([found], 1.0))["shielded_share"] == [share]
+    older = dataclasses.replace(found, requested=None)
+    assert np.isnan(measure(Trajectory.from_recordings([older], 1.0))["shielded_share"])
+    env.close()
 
 
 def test_rows_correspond_to_time_steps(env, scenario):

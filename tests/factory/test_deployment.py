@@ -5,9 +5,11 @@ from omegaconf import OmegaConf
 from runs import TINY
 
 from navrl import factory, jobs
-from navrl.config import compose
+from navrl.config import compose, instantiate
 from navrl.factory.environment import make_training_env
+from navrl.factory.training import Validation
 from navrl.policies import load_bundle
+from navrl.policies.classical import StandStill
 from navrl.transforms import ActionShield, MinPool
 
 
@@ -45,3 +47,13 @@ def test_invalid_deployment_fails_before_training(cfg, tmp_path):
     wrong.deployment.transforms.action_shield.horizon = -1.0
     with pytest.raises(Exception, match="horizon"):
         factory.make_trainer(wrong, tmp_path)
+
+
+def test_validation_plays_the_deployed_transforms_if_set(cfg):
+    changed = cfg.copy()
+    actor = StandStill(instantiate(cfg.robot))
+    for is_deployed in (False, True):
+        changed.validation.deployed = is_deployed
+        env = Validation(changed, actor)._env
+        assert any(isinstance(step, ActionShield) for step in env.transform) == is_deployed
+        env.close()

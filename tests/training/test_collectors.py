@@ -206,3 +206,17 @@ def test_workers_begin_an_episode_without_a_last_action(tmp_path):
         assert not small[keys.ACTION].isnan().any()
     collector.shutdown()
     assert seen[-7:] == [True, False, False, True, False, False, True]
+
+
+def test_workers_carry_correlated_noise_within_an_episode(tmp_path):
+    options = ["exploration=correlated", "exploration.correlation_time_s=1e9"]  # does not change
+    words = ["collector=process", "environment.time_limit_steps=3", *options]
+    trainer = tiny_trainer(tmp_path, words)
+    policy = trainer.collector.policy
+    policy.refresh(0, max_dynamic=2)
+    env = WorkerEnv(trainer.collector.make_env, 0, 1, max_dynamic=2)
+    collector = TorchRLCollector(env, policy, frames_per_batch=4 * 7, total_frames=4 * 7)
+    (batch,) = collector
+    collector.shutdown()
+    change = batch[keys.EXPLORATION_NOISE].diff(dim=1).abs().amax(dim=(0, 2))
+    assert [bool(step > 1e-3) for step in change] == [False, False, True, False, False, True]

@@ -11,6 +11,7 @@ from navrl.training import (
     CheckpointStore,
     Curriculum,
     MetricsLog,
+    Progress,
     Replay,
     Schedule,
 )
@@ -102,6 +103,17 @@ def test_bad_curricula_are_named(options):
 def test_bad_schedule_is_named():
     with pytest.raises(ValueError, match="frames_per_update=0"):
         Schedule(frames_per_update=0)
+
+
+def test_schedule_follows_frames_or_seconds():
+    by_frames, by_both = Schedule(total_frames=100), Schedule(total_frames=100, total_seconds=60.0)
+    slow = Progress(frames=20, seconds=45.0)
+    assert by_frames.share_done(slow) == 0.2 and by_frames.scheduled_frames(slow) == 20
+    assert by_both.share_done(slow) == 0.75 and by_both.scheduled_frames(slow) == 75
+    fast = Progress(frames=90, seconds=6.0)
+    assert by_both.share_done(fast) == 0.9 and by_both.scheduled_frames(fast) == 90
+    with pytest.raises(ValueError, match="total_seconds=0"):
+        Schedule(total_seconds=0)
 
 
 def test_checkpoint_is_valid_beside_a_partial_successor(tmp_path):

@@ -13,6 +13,7 @@ import pytest
 import torch
 from runs import TINY, tiny_trainer
 
+from navrl import keys
 from navrl.training import CheckpointError, TrainingStoppedError
 
 RUN = [
@@ -79,6 +80,24 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path, whole, frames):
     resumed = tiny_trainer(tmp_path, RUN)
     resumed.run()
     assert_same_run(resumed, whole)
+
+
+def test_correlated_noise_resumes_bit_for_bit(tmp_path):
+    run = [*RUN, "schedule.total_frames=120", "exploration=correlated"]
+    whole = tiny_trainer(tmp_path / "whole", run)
+    whole.run()
+    broken = tiny_trainer(tmp_path / "broken", run)
+    kill(broken, "_collect", when=lambda: broken.progress.frames >= 60)
+    assert broken.collector.state_dict()["carrier"][keys.EXPLORATION_NOISE].std() > 0.1
+    resumed = tiny_trainer(tmp_path / "broken", run)
+    resumed.run()
+    assert_same_run(resumed, whole)
+
+
+def test_training_ends_after_its_seconds(tmp_path):
+    trainer = tiny_trainer(tmp_path, [*RUN, "schedule.total_seconds=1e-3"])
+    trainer.run()
+    assert trainer.progress.frames == 4 and trainer.progress.seconds >= 1e-3  # one step of 4 worlds
 
 
 @pytest.mark.parametrize("moment", ["evaluated", "before the save", "after the save"])

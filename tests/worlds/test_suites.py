@@ -204,6 +204,13 @@ def test_every_suite_has_the_key_of_the_density_sweep():
     assert suite("suite.distribution.keep_dynamic=1").distribution.keep_dynamic == 1
 
 
+def test_straight_suite_is_an_empty_straight_path():
+    for scene in suite("suite=straight").scenarios():
+        assert len(scene.boxes) == 0 and len(scene.pedestrians) == 0
+        assert np.linalg.norm(scene.goal - scene.start[:2]) == pytest.approx(5.0)
+        assert np.abs(scene.path[:, 1]).max() < 1e-6  # along the x axis
+
+
 def test_open_space_is_table1_without_walls():
     bare, walled = (suite(f"suite={name}").scenarios([7])[0] for name in ("open_space", "table1"))
     assert len(bare.boxes) == 0 and len(walled.boxes) > 0
