@@ -52,8 +52,9 @@ def check_perturbation(cfg: DictConfig) -> None:
     name = cfg.perturbation.name
     unperturbed, found = flat_values(compose("evaluate")), flat_values(cfg)
     wanted = flat_values(compose("evaluate", [f"perturbation={name}"]))
+    fixed = ("perturbation.", "robot.") if cfg.perturbation.robot else ("perturbation.",)
     for key in {**wanted, **found}:
-        is_set = key.startswith("perturbation.") or unperturbed.get(key) != wanted.get(key)
+        is_set = key.startswith(fixed) or unperturbed.get(key) != wanted.get(key)
         if is_set and found.get(key) != wanted.get(key):
             raise ValueError(
                 f"{key}={found.get(key)}: must be {wanted.get(key)}, which is perturbation={name}; "
