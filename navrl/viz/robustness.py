@@ -12,9 +12,9 @@ from matplotlib.ticker import PercentFormatter
 
 from navrl.evaluation.robustness import RobustnessRow, RobustnessTable, robustness_tables
 from navrl.evaluation.stored import Evaluation
-from navrl.viz.style import BLACK, GRAY, line_look, plain_text, save_figure, style
+from navrl.viz.style import BLACK, GRAY, MARKERS, line_look, plain_text, save_figure, style
 
-_MARKERS = "osD^vPX<"
+_TICK = {"color": BLACK, "marker": "|", "markersize": 9.0, "markeredgewidth": 1.4, "linestyle": ""}
 _SPREAD = 0.6  # rows, height of the dots of one row
 
 
@@ -89,11 +89,8 @@ def _offset(i: int, count: int) -> float:
 def _look(i: int) -> dict:
     """Return color and marker of the i-th policy, distinct also without colors."""
     color = line_look(i)["color"]
-    marker = _MARKERS[i % len(_MARKERS)]
+    marker = MARKERS[i % len(MARKERS)]
     return {"color": color, "marker": marker, "markersize": 3.0, "linestyle": ""}
-
-
-_TICK = {"color": BLACK, "marker": "|", "markersize": 9.0, "markeredgewidth": 1.4, "linestyle": ""}
 
 
 def _handles(table: RobustnessTable) -> list[Line2D]:

@@ -119,7 +119,7 @@ def test_localization_is_perturbed():
 
 
 def test_lidar_of_a_bundle_keeps_its_beams():
-    lidar = env_of("navrl-best", "fov_270").simulator.lidar
+    lidar = env_of("perez_darpino", "fov_270").simulator.lidar
     assert lidar.num_beams == 1536 and math.isclose(lidar.field_of_view, math.radians(270))
 
 
