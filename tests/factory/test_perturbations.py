@@ -138,7 +138,7 @@ def test_change_applies_after_the_perturbation():
     ("overrides", "named"),
     [
         (["perturbation=scan_01", "timing=ideal"], "timing.delays.scan_age_s=0.0: must be 0.1"),
-        (["perturbation=none", "perturbation.about=mine"], "perturbation.about=mine"),
+        (["perturbation=none", "+perturbation.robot.max_speed=0.6"], "max_speed=0.6: must be None"),
         (["perturbation=speed_05", "perturbation.robot.max_speed=0.6"], "max_speed=0.6"),
         (["perturbation=nominal", "robot.max_speed=0.6", "policy=dwa"], "robot.max_speed=0.6"),
     ],
