@@ -6,6 +6,12 @@ from .comparison import (
 )
 from .metrics import METRICS, Trajectory, measure
 from .results import OUTCOMES, rates, summarize, write_results
+from .robustness import (
+    RobustnessTable,
+    robustness_markdown,
+    robustness_tables,
+    write_robustness,
+)
 from .rollout import ERROR, EpisodeRecord, Preparing, evaluate
 from .spreadsheets import comma_separated
 from .statistics import (
@@ -33,6 +39,7 @@ __all__ = [
     "EpisodeRecord",
     "Evaluation",
     "Preparing",
+    "RobustnessTable",
     "Trajectory",
     "bootstrap_mean",
     "comma_separated",
@@ -48,9 +55,12 @@ __all__ = [
     "metrics_markdown",
     "paired_difference",
     "rates",
+    "robustness_markdown",
+    "robustness_tables",
     "stratified_bootstrap",
     "summarize",
     "wilson_interval",
     "write_comparison",
     "write_results",
+    "write_robustness",
 ]

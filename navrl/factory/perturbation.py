@@ -50,12 +50,16 @@ def check_perturbation(cfg: DictConfig) -> None:
         ValueError: If a value of the perturbation was overridden.
     """
     name = cfg.perturbation.name
+    if name == UNPERTURBED and not perturbed_parts(cfg):
+        return
     unperturbed, found = flat_values(compose("evaluate")), flat_values(cfg)
     wanted = flat_values(compose("evaluate", [f"perturbation={name}"]))
+    fixed = ("perturbation.", "robot.") if cfg.perturbation.robot else ("perturbation.",)
     for key in {**wanted, **found}:
-        is_set = key.startswith("perturbation.") or unperturbed.get(key) != wanted.get(key)
+        is_set = key.startswith(fixed) or unperturbed.get(key) != wanted.get(key)
+        is_set &= not key.startswith("environment.")  # a time limit of one's own is allowed
         if is_set and found.get(key) != wanted.get(key):
             raise ValueError(
-                f"{key}={found.get(key)}: must be {wanted.get(key)}, which is perturbation={name}; "
-                f"for another value write an own perturbation, or choose none"
+                f"{key}={found.get(key)}: must be {wanted.get(key)} for perturbation={name}; a "
+                "perturbation of your own may have other values, see docs/robustness.md"
             )

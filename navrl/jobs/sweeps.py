@@ -72,7 +72,10 @@ class NameJobs(Callback):
 
 
 class CompareEvaluations(Callback):
-    """Callback that writes and prints one table of all evaluations of the sweep's folder.
+    """Callback that writes and prints the tables of all evaluations of the sweep's folder.
+
+    Perturbed evaluations are in the table of robustness; of them only the nominal ones are in that
+    of the policies.
 
     Args:
         reference: Policy that the others are compared with; ``None`` uses ``paper`` or, without it,
@@ -84,10 +87,20 @@ class CompareEvaluations(Callback):
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Compare the evaluations of this sweep and of earlier jobs in the same folder."""
-        folder = Path(config.hydra.sweep.dir)
-        tables = evaluation.compare(evaluation.find_evaluations([folder]), self.reference)
-        files = evaluation.write_comparison(tables, folder)
-        print("\n".join(evaluation.markdown(table) for table in tables))
+        from navrl.evaluation.robustness import NOMINAL  # loads torch
+
+        folder, texts, files = Path(config.hydra.sweep.dir), [], []
+        found = evaluation.find_evaluations([folder])
+        compared = [e for e in found if e.perturbation in (None, NOMINAL)]
+        if compared:
+            tables = evaluation.compare(compared, self.reference)
+            files += evaluation.write_comparison(tables, folder)
+            texts += [evaluation.markdown(table) for table in tables]
+        perturbed = evaluation.robustness_tables(found)
+        if perturbed:
+            files += evaluation.write_robustness(perturbed, folder)
+            texts += [evaluation.robustness_markdown(table) for table in perturbed]
+        print("\n".join(texts))
         log.info("the tables are in %s", ", ".join(map(str, files)))
 
 

@@ -3,6 +3,7 @@ from .curves import plot_curves
 from .failures import save_failures
 from .rates import plot_rates
 from .rerun_log import save_rrd
+from .robustness import plot_robustness
 from .scene import draw_scene
 from .speeds import plot_benchmark
 from .tagd import save_tagd
@@ -13,6 +14,7 @@ __all__ = [
     "plot_benchmark",
     "plot_curves",
     "plot_rates",
+    "plot_robustness",
     "save_failures",
     "save_gif",
     "save_mp4",

@@ -18,6 +18,7 @@ from navrl.viz.failures import save_failures
 from navrl.viz.origins import count_failures, policy_of
 from navrl.viz.rates import plot_rates
 from navrl.viz.rerun_log import save_rrd
+from navrl.viz.robustness import plot_robustness
 from navrl.viz.tagd import save_tagd
 from navrl.viz.video import save_mp4
 
@@ -76,6 +77,12 @@ def rates(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -
     """Draw success over speed and number of pedestrians, from the evaluations of a sweep."""
     evaluations = find_evaluations(sources)
     return _each_format(lambda file: plot_rates(evaluations, file), out, formats)
+
+
+def robustness(sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
+    """Draw success under each perturbation, from the evaluations of a sweep."""
+    evaluations = find_evaluations(sources)
+    return _each_format(lambda file: plot_robustness(evaluations, file), out, formats)
 
 
 def attention(

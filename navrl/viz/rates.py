@@ -16,12 +16,11 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import Evaluation
 from navrl.untrusted import DamagedFileError, is_number, read_yaml
-from navrl.viz.style import line_look, plain_text, save_figure, style
+from navrl.viz.style import MARKERS, line_look, plain_text, save_figure, style
 
 ALL_WORLDS = "all worlds"
 """Name of the pooled results of all kinds of worlds."""
 _TABLE = (2, 0.6)  # dynamic pedestrians and m/s of Table I, where the paper's two sweeps meet
-_MARKERS = "osD^vPX<"  # one more than colors: pairs repeat late
 
 
 @dataclass(frozen=True)
@@ -275,7 +274,7 @@ def _draw(axes: Axes, lines: Lines, policies: Sequence[str], world: str) -> None
 
 def _look(i: int) -> dict:
     """Return color, marker and dash of the i-th policy, distinct also without colors."""
-    return {**line_look(i), "marker": _MARKERS[i % len(_MARKERS)], "markersize": 3.5}
+    return {**line_look(i), "marker": MARKERS[i % len(MARKERS)], "markersize": 3.5}
 
 
 def _add_key(

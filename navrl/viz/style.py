@@ -22,6 +22,8 @@ YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GRAY = "#7F7F7F"
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 """Okabe and Ito's palette; yellow is not used for lines, since it is too pale on white."""
+MARKERS = "osD^vPX<"
+"""Markers of policies; one more than colors, so pairs repeat late."""
 _DASHES = ("-", "--", "-.", ":")
 
 SPATIAL_COLORS = LinearSegmentedColormap.from_list("spatial", ["#FFFFFF", SKY, BLUE])

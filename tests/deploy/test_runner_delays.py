@@ -20,7 +20,8 @@ def test_commands_equal_those_in_simulation(robot, tmp_path, monkeypatch):
     cfg = compose(
         "evaluate",
         [
-            *("policy=paper", "timing=ordinary", "num_worlds=1", "num_threads=1", STEPS),
+            *("policy=paper", "timing=ordinary", "num_worlds=1", "num_threads=1"),
+            f"+transforms/steps@change.transforms={ADDED}",
             f"+robot@change.robot={robot}",
         ],
     )

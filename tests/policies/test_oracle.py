@@ -12,7 +12,8 @@ from navrl.envs import NavigationEnv
 from navrl.evaluation import evaluate
 from navrl.factory import make_env
 from navrl.policies.classical import Oracle, SearchEffort
-from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
+from navrl.policies.classical.maneuvers import maneuvers
+from navrl.sim import BatchedSimulator, Delays, DifferentialDrive, Lidar, LimitedDrive
 from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
 
 LIMIT = 40
@@ -47,13 +48,16 @@ def scene(walls=(), people=(), goal=(3.1, 0.0), yaw=0.0):
 
 
 def oracle(**changes):
-    return Oracle(DifferentialDrive(), **{"time_limit_steps": LIMIT, "efforts": QUICK, **changes})
+    defaults = {"robot": DifferentialDrive(), "time_limit_steps": LIMIT, "efforts": QUICK}
+    return Oracle(**{**defaults, **changes})
 
 
-def play(*scenes, policy=None):
-    simulator = BatchedSimulator(len(scenes), robot=DifferentialDrive(), lidar=Lidar(num_beams=8))
-    env = NavigationEnv(simulator, None, {}, time_limit_steps=LIMIT, privileged=True)
-    return evaluate(make_env(env, Compose()), policy or oracle(), ScenarioBatch.pack(scenes))
+def play(*scenes, policy=None, robot=None, delays=None, limit=LIMIT):
+    robot, delays = robot or DifferentialDrive(), delays or Delays()
+    simulator = BatchedSimulator(len(scenes), robot=robot, lidar=Lidar(num_beams=8), delays=delays)
+    env = NavigationEnv(simulator, None, {}, time_limit_steps=limit, privileged=True)
+    policy = policy or oracle(robot=robot, delays=delays, time_limit_steps=limit)
+    return evaluate(make_env(env, Compose()), policy, ScenarioBatch.pack(scenes))
 
 
 SCENES = {
@@ -125,6 +129,78 @@ def test_equal_scenarios_share_a_plan_in_any_batch():
     assert torch.equal(together[1], alone[0])
 
 
+SLOW_BASES = {
+    "wheels": DifferentialDrive(model="wheeled", wheel_acceleration=1.0),
+    "accelerations": LimitedDrive(
+        max_speed=0.7,
+        linear_acceleration=0.5,
+        linear_deceleration=0.6,
+        angular_acceleration=3.5,
+        angular_deceleration=4.2,
+    ),
+    "lag": LimitedDrive(linear_lag_s=0.2, angular_lag_s=0.2),
+    "scale and cap": LimitedDrive(linear_scale=0.9, angular_scale=1.1, speed_cap=0.5),
+}
+
+
+@pytest.mark.parametrize("base", SLOW_BASES)
+def test_maneuvers_end_at_velocities_of_the_grid(base):
+    robot = SLOW_BASES[base]
+    table = maneuvers(robot, 0.2, 10)
+    start, action = (table.following >= 0).nonzero().unbind(-1)
+    commands = table.commands[start, action]
+    low, high = (torch.tensor(limit) for limit in robot.command_limits)
+    assert bool(((commands >= low) & (commands <= high)).all())
+    poses, velocities = robot.rollout(
+        torch.zeros(len(start), 3, dtype=torch.float64),
+        table.velocities[start],
+        commands.expand(10, -1, -1),
+        0.02,
+    )
+    wanted = table.velocities[table.following[start, action]]
+    torch.testing.assert_close(velocities[-1], wanted, atol=1e-7, rtol=0.0)
+    torch.testing.assert_close(poses.transpose(0, 1), table.offsets[start, action])
+    seen, queue = {table.rest}, [table.rest]
+    while queue:
+        for index in table.following[queue.pop()].tolist():
+            if index >= 0 and index not in seen:
+                seen.add(index)
+                queue.append(index)
+    assert len(seen) == len(table.velocities)  # each velocity can be reached from rest
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1])
+@pytest.mark.parametrize("base", SLOW_BASES)
+def test_plans_of_slow_bases_succeed(base, delay_s):
+    names = ("empty", "any yaw", "a door", "somebody stands in the way")
+    delays = Delays(command_delay_s=delay_s)
+    records = play(
+        *(SCENES[name] for name in names), robot=SLOW_BASES[base], delays=delays, limit=60
+    )
+    assert [(r.solved, r.outcome) for r in records] == [(True, "success")] * len(names)
+
+
+@pytest.mark.parametrize(
+    "delays",
+    [
+        Delays(command_delay_s=0.3),
+        Delays(turn_rate_delay_s=0.2),
+        Delays(speed_delay_s=0.2, command_delay_s=0.04),
+    ],
+)
+def test_plans_account_for_late_commands(delays):
+    people = ("somebody comes", "somebody fast crosses", "the goal lies behind")
+    records = play(*(SCENES[name] for name in people), delays=delays)
+    assert [(r.solved, r.outcome) for r in records] == [(True, "success")] * len(people)
+
+
+def test_delay_counts_towards_the_step_limit():
+    need = math.ceil((3.1 - 0.2) / 0.2)
+    batch, late = ScenarioBatch.pack([scene()]), Delays(command_delay_s=0.2)
+    assert bool(oracle(time_limit_steps=need + 1, delays=late).prepare(batch))
+    assert not bool(oracle(time_limit_steps=need, delays=late).prepare(batch))
+
+
 def test_unprepared_worlds_are_rejected():
     with pytest.raises(RuntimeError, match="prepare"):
         oracle()(TensorDict({}, [2]))
@@ -133,7 +209,6 @@ def test_unprepared_worlds_are_rejected():
 @pytest.mark.parametrize(
     "changes, named",
     [
-        ({"robot": DifferentialDrive(model="wheeled")}, "robot.model=wheeled"),
         ({"robot": DifferentialDrive(min_speed=0.1)}, "robot.min_speed=0.1"),
         ({"speeds": [1.0]}, "speeds"),
         ({"speeds": [2.0, 0.0]}, "speeds"),

@@ -18,7 +18,17 @@ from navrl.config import CONF_DIR
 from navrl.evaluation.statistics import wilson_interval
 from navrl.evaluation.stored import find_evaluations
 from navrl.ops import grouping
-from navrl.viz import pictures, plot_rates, rates, save_failures, save_mp4, save_tagd, tagd
+from navrl.viz import (
+    pictures,
+    plot_rates,
+    plot_robustness,
+    rates,
+    robustness,
+    save_failures,
+    save_mp4,
+    save_tagd,
+    tagd,
+)
 
 WORLDS = ("corridor", "office")
 
@@ -336,3 +346,40 @@ def test_each_picture_is_one_command(tmp_path, recording):
     assert result.returncode == 0, result.stderr[-2000:]
     assert Image.open(tmp_path / "deep" / "strip.png").width > 800
     assert (tmp_path / "deep" / "strip.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_robustness_draws_a_dot_for_each_policy(tmp_path, monkeypatch):
+    saved = []
+    monkeypatch.setattr(
+        robustness, "save_figure", lambda figure, file: saved.append(figure) or file
+    )
+    for name, kind, won in (("nominal", "nominal", 9), ("scan_01", "time", 5)):
+        known = {"perturbation": {"name": name, "kind": kind, "about": f"about {name}"}}
+        outcomes = [WON] * won + [HIT] * (10 - won)
+        write_evaluation(tmp_path / name / "paper", "paper", outcomes, **known)
+        known["privileged"] = True
+        write_evaluation(tmp_path / name / "oracle", "oracle", [WON] * 10, **known)
+    plot_robustness(find_evaluations([tmp_path]), tmp_path / "robustness.png")
+    (axes,) = saved[0].axes
+    assert [text.get_text() for text in axes.get_yticklabels()] == [
+        "about nominal",
+        "about scan_01",
+    ]
+    dots = {
+        (line.get_marker(), *line.get_xdata()) for line in axes.lines if line.get_marker() != "None"
+    }
+    assert dots >= {("o", 0.9), ("o", 0.5), ("|", 1.0)}
+
+
+def test_robustness_is_written_in_all_formats(tmp_path):
+    known = {"perturbation": {"name": "nominal", "kind": "nominal", "about": "nominal"}}
+    write_evaluation(tmp_path / "paper", "paper", [WON] * 10, **known)
+    files = pictures.robustness([str(tmp_path)], tmp_path / "robustness")
+    assert [file.suffix for file in files] == [".png", ".svg", ".pdf"]
+    assert all(file.stat().st_size > 1000 for file in files)
+
+
+def test_robustness_without_perturbed_evaluations_is_an_error(tmp_path):
+    write_evaluation(tmp_path / "paper", "paper", [WON] * 10)
+    with pytest.raises(ValueError, match="source: must have perturbed evaluations"):
+        pictures.robustness([str(tmp_path)], tmp_path / "robustness")

@@ -13,11 +13,13 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments, warn
+from navrl.ops.kernels.maneuvers import maneuver_kernel
 from navrl.ops.kernels.space_time import FOUND, plan_kernel
 from navrl.policies.classical.commands import normalized_action
+from navrl.policies.classical.maneuvers import Maneuvers, maneuvers
 from navrl.policies.classical.space_time_maps import space_time_maps
 from navrl.policies.controller import Controller
-from navrl.sim import DifferentialDrive
+from navrl.sim import Delays, DifferentialDrive
 from navrl.worlds import ScenarioBatch
 
 
@@ -62,11 +64,17 @@ class Oracle(Controller):
     simulators. An episode without a plan is reported as not solved, and the robot is stationary in
     it.
 
+    For a base with limits of acceleration, lag or errors the search space has its velocity too, and
+    moves are the :func:`maneuvers` that it drives exactly. Commands that are late are planned for
+    the time at which they take effect. Both are exact if the base is the same in all episodes, the
+    delays are fixed, and those of speed and turn rate differ by whole steps; otherwise the plan is
+    for the nominal base and the nearest delays.
+
     Solved episodes are solvable, so its success rate is a lower bound of the maximum. That an
     episode is unsolved does not prove that no plan exists.
 
     Args:
-        robot: Kinematic robot, whose motion follows exactly from the commands.
+        robot: Robot, whose motion follows exactly from the commands.
         goal_radius: Distance to the goal that counts as success, m.
         time_limit_steps: Steps in which the goal must be reached.
         time_step_s: Time between two commands, s.
@@ -76,9 +84,10 @@ class Oracle(Controller):
             turns and straight motion are added.
         cell: Size of a cell, m; only the first pose per cell, heading and step is expanded.
         efforts: Attempts in order, until one finds a plan.
+        delays: Delays of the commands; ``None`` for none.
 
     Raises:
-        ValueError: If the robot is not kinematic or a value is out of range.
+        ValueError: If the robot cannot stop or a value is out of range.
 
     Reference:
         Dolgov et al., "Practical search techniques in path planning for autonomous driving", 2008
@@ -102,6 +111,7 @@ class Oracle(Controller):
             SearchEffort(0.03, 1.1, 300_000),
             SearchEffort(0.005, 1.5, 3_000_000),
         ),
+        delays: Delays | None = None,
     ) -> None:
         super().__init__()
         _check_oracle(robot, speeds, turns, efforts)
@@ -116,9 +126,13 @@ class Oracle(Controller):
         self.robot, self.goal_radius, self.cell = robot, goal_radius, cell
         self.time_limit_steps, self.efforts = time_limit_steps, tuple(efforts)
         self.time_step_s, self.substeps = time_step_s, substeps
+        self._delays_s = (delays or Delays()).nominal_command_delays_s
         turn = robot.max_turn_rate * time_step_s * turns[0]  # rad, the smallest turn per step
         self._bins = math.ceil(2 * math.pi / turn - 1e-9)
         self._primitives = self._make_primitives(speeds, turns)
+        self._maneuvers: Maneuvers | None = None
+        if not robot.follows_commands:
+            self._maneuvers = maneuvers(robot, time_step_s, substeps)
         self._plan: Tensor | None = None
         self._step = 0
 
@@ -130,7 +144,9 @@ class Oracle(Controller):
 
     @property
     def commands(self) -> Tensor:
-        """Commands (v, w) of the motion primitives, ``[A, 2]`` m/s and rad/s."""
+        """Commands (v, w) of the moves of a plan, ``[A, 2]`` m/s and rad/s."""
+        if self._maneuvers is not None:
+            return self._maneuvers.commands.flatten(0, 1)
         turn_rate = self._primitives[:, 1] * (2 * math.pi / self._bins / self.time_step_s)
         return torch.stack([self._primitives[:, 0], turn_rate], dim=-1)
 
@@ -145,32 +161,56 @@ class Oracle(Controller):
         """
         rows, origin = _distinct(scenarios)
         distinct = scenarios[rows].to("cpu")
-        stay = int((self._primitives == 0).all(-1).nonzero()[0])
-        plan = torch.full((len(rows), self.time_limit_steps), stay)
+        stay = int((self.commands == 0).all(-1).nonzero()[0])
+        plan = torch.full((len(rows), self._plan_steps), stay)
         solved = torch.zeros(len(rows), dtype=torch.bool)
         for effort in self.efforts:
             left = (~solved).nonzero().squeeze(-1)
             if len(left) > 0:
                 plan[left], solved[left] = self._search(distinct[left], effort, stay)
-        self._plan, self._step = self.commands[plan[origin]], 0
+        self._plan, self._step = self._in_time(self.commands[plan[origin]]), 0
         return solved[origin]
+
+    @property
+    def _plan_steps(self) -> int:
+        """Steps of a plan: those after which its last command takes effect in time."""
+        late = math.ceil(max(self._delays_s) / self.time_step_s - 1e-9)
+        return max(self.time_limit_steps - late, 1)
+
+    def _in_time(self, plan: Tensor) -> Tensor:
+        """Return the commands ``[S, T, 2]`` by the step in which each component is sent.
+
+        The plan begins when the latest component takes effect; the others are sent later.
+        """
+        latest = max(self._delays_s)
+        sent = torch.zeros(len(plan), self.time_limit_steps, 2, dtype=plan.dtype)
+        for axis, delay_s in enumerate(self._delays_s):
+            first = round((latest - delay_s) / self.time_step_s)
+            steps = min(plan.shape[1], self.time_limit_steps - first)
+            sent[:, first : first + steps, axis] = plan[:, :steps, axis]
+        return sent
 
     def _search(
         self, scenarios: ScenarioBatch, effort: SearchEffort, stay: int
     ) -> tuple[Tensor, Tensor]:
         """Return the moves ``[S, T]`` and whether they reach the goal ``[S]``."""
-        count, limit = len(scenarios), self.time_limit_steps
+        count, limit = len(scenarios), self._plan_steps
         reach = self.robot.radius + effort.margin
         ticks = torch.arange(limit * self.substeps + 1) * (self.time_step_s / self.substeps)
+        ticks = ticks + max(self._delays_s)  # the plan begins when commands take effect
         maps = space_time_maps(
             scenarios, ticks.double(), reach, self.cell, self.robot.max_speed * self.time_step_s
         )
         plan = torch.full((count, limit), stay)
         code, steps, nodes = (torch.zeros(count, dtype=torch.int64) for _ in range(3))
-        plan_kernel(
+        search, moves = plan_kernel, (self._primitives.numpy(), self._offsets().numpy())
+        if self._maneuvers is not None:
+            table = self._maneuvers
+            search = maneuver_kernel
+            moves = (table.following.numpy(), table.offsets.numpy(), table.rest)
+        search(
             *(value.numpy() for value in maps),
-            self._primitives.numpy(),
-            self._offsets().numpy(),
+            *moves,
             self._bins,
             reach,
             self.goal_radius - min(effort.margin, 0.1 * self.goal_radius),
@@ -227,11 +267,8 @@ def _check_oracle(
     turns: Sequence[float],
     efforts: Sequence[SearchEffort],
 ) -> None:
-    if robot.model != "kinematic" or robot.min_speed > 0:
-        raise ValueError(
-            f"robot.model={robot.model}, robot.min_speed={robot.min_speed}: must be "
-            "'kinematic' and <= 0 for the oracle"
-        )
+    if robot.min_speed > 0:
+        raise ValueError(f"robot.min_speed={robot.min_speed}: must be <= 0 for the oracle")
     if 0.0 not in speeds or not all(0 <= share <= 1 for share in speeds):
         raise ValueError(f"speeds={list(speeds)}: must be in [0, 1] and include 0")
     multiples = [turn / turns[0] for turn in turns if turns[0] > 0]
