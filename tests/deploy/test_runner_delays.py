@@ -9,9 +9,7 @@ from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.factory.environment import make_pool
 from navrl.policies import ZOO
 
-STEPS = (
-    "+transforms/steps@change.transforms=[motion_compensation,motion_prediction,base_shield_ahead]"
-)
+ADDED = "[motion_compensation,motion_prediction,base_shield_ahead]"
 
 
 @pytest.mark.parametrize("robot", ["kobuki", "turtlebot2"])
