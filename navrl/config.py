@@ -18,13 +18,8 @@ from hydra.errors import HydraException, InstantiationException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from navrl.deprecation import (
-    RENAMED_GROUPS,
-    check_groups,
-    present_key,
-    renamed_attributes,
-    renamed_overrides,
-)
+from navrl.deprecated_groups import check_groups, renamed_overrides
+from navrl.deprecation import RENAMED_GROUPS, present_key, renamed_attributes
 from navrl.files import explain_os_error
 
 CONF_DIR = next(

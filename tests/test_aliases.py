@@ -17,11 +17,11 @@ import navrl.build
 from navrl import factory, jobs
 from navrl.algos import GaussianExploration
 from navrl.config import compose, instantiate
+from navrl.deprecated_groups import renamed_overrides
 from navrl.deprecation import (
     RENAMED_INPUTS,
     input_key,
     renamed_arguments,
-    renamed_overrides,
     taken_argument,
 )
 from navrl.evaluation import compare, find_evaluations, metrics_markdown

@@ -16,7 +16,7 @@ from omegaconf import DictConfig
 from navrl import __version__
 from navrl.cli.help import help_text
 from navrl.config import CONF_DIR, USER_ERRORS, check_types, describe, nearest_names
-from navrl.deprecation import check_groups, renamed_overrides
+from navrl.deprecated_groups import check_groups, renamed_overrides
 
 
 def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:

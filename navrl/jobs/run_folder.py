@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from navrl.deprecation import renamed_groups
+from navrl.deprecated_groups import renamed_groups
 from navrl.factory.values import flat_values
 from navrl.files import write_text
 

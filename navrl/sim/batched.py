@@ -20,7 +20,7 @@ from navrl.sim.crowd import PedestrianModel, step_legs
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import DifferentialDrive, RobotModel
-from navrl.sim.scenario_rows import compact_pedestrians
+from navrl.sim.scenario_rows import compact_pedestrians, packed_walls
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds.scenario import MAX_ROUTE_POINTS
@@ -126,7 +126,7 @@ class BatchedSimulator(Simulator):
         rows, count = self._rows, scenarios.boxes.shape[1]
         self._make_room(count)
         rows["pose"][worlds] = scenarios.start.double()
-        rows["walls"][worlds, :count] = _packed_walls(scenarios)
+        rows["walls"][worlds, :count] = packed_walls(scenarios)
         rows["num_walls"][worlds] = scenarios.num_boxes
         for name in ("velocity", "tick", "contact"):
             rows[name][worlds] = 0
@@ -314,10 +314,3 @@ def _drive_parameters(robot: RobotModel) -> tuple:
         robot.max_speed,
         robot.max_turn_rate,
     )
-
-
-def _packed_walls(scenarios: ScenarioBatch) -> Tensor:
-    """Return [M, W, 6] (cx, cy, hx, hy, cos yaw, sin yaw)."""
-    boxes = scenarios.boxes.double()
-    yaw = boxes[..., 4:5]
-    return torch.cat((boxes[..., :4], torch.cos(yaw), torch.sin(yaw)), dim=-1)

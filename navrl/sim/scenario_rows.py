@@ -106,3 +106,10 @@ def _widened(scenarios: ScenarioBatch, num_walls: int) -> dict[str, Tensor]:
     missing = num_walls - tensors["boxes"].shape[1]
     tensors["boxes"] = torch.nn.functional.pad(tensors["boxes"], (0, 0, 0, missing))
     return tensors
+
+
+def packed_walls(scenarios: ScenarioBatch) -> Tensor:
+    """Return [M, W, 6] (cx, cy, hx, hy, cos yaw, sin yaw)."""
+    boxes = scenarios.boxes.double()
+    yaw = boxes[..., 4:5]
+    return torch.cat((boxes[..., :4], torch.cos(yaw), torch.sin(yaw)), dim=-1)

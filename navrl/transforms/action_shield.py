@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -20,6 +20,7 @@ from navrl.ops.returns import finite_returns
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.base_motion import IDEAL, Base
 from navrl.transforms.observation_map import Keys, nested_keys
+from navrl.transforms.shield_scene import Scene
 
 _MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
 _MAX_TIMES = 100
@@ -195,7 +196,7 @@ class ActionShield(ActionMap):
         tagd: Tensor,
         valid: Tensor,
         state: Sequence[Tensor],
-    ) -> _Scene:
+    ) -> Scene:
         returns = finite_returns(points, returns)
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
         smallest, largest = (speed * self.time_step for speed in self.speed_range)
@@ -212,7 +213,7 @@ class ActionShield(ActionMap):
             points = points + base.scan_age_s / self.time_step * motion
         velocity = state[0] if state else points.new_zeros(len(points), 2)
         given = torch.stack(state[1:], dim=1) if len(state) > 1 else velocity[:, None]
-        return _Scene(points, motion, self._required(points, motion), velocity, given)
+        return Scene(points, motion, self._required(points, motion), velocity, given)
 
     def _known_base(self) -> Base:
         if self.base is None:
@@ -247,7 +248,7 @@ class ActionShield(ActionMap):
         nearest = nearest.clamp_min(self.radius - self.margin)  # what is deeper is no obstacle
         return torch.where(approaches, clear, torch.minimum(present, nearest).clamp_max(clear))
 
-    def _most_similar(self, command: Tensor, scene: _Scene) -> Tensor:
+    def _most_similar(self, command: Tensor, scene: Scene) -> Tensor:
         """Return the most similar allowed command for each command, ``[R, 2]``."""
         grid = self._grid.to(command).expand(len(command), -1, -1)
         candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
@@ -261,7 +262,7 @@ class ActionShield(ActionMap):
         nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
         return candidates[torch.arange(len(command), device=command.device), nearest]
 
-    def _of_latest_contact(self, spare: Tensor, candidates: Tensor, scene: _Scene) -> Tensor:
+    def _of_latest_contact(self, spare: Tensor, candidates: Tensor, scene: Scene) -> Tensor:
         """Return ``spare [R, S]`` of the candidates whose first contact is latest, else -inf.
 
         The requested command, candidate 0, is preferred if it is one of them.
@@ -278,32 +279,18 @@ class ActionShield(ActionMap):
         spare[:, 0] = torch.where(latest[:, 0], math.inf, spare[:, 0])
         return spare
 
-    def _spare(self, commands: Tensor, scene: _Scene) -> Tensor:
+    def _spare(self, commands: Tensor, scene: Scene) -> Tensor:
         """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
         return self._room(commands, scene, self._times(), scene.required).amin(-1)
 
     def _room(
-        self, commands: Tensor, scene: _Scene, times: list[float], required: Tensor | None
+        self, commands: Tensor, scene: Scene, times: list[float], required: Tensor | None
     ) -> Tensor:
         """Return the distance to the nearest point at each of T times, ``[N, S, T]`` m."""
         base = self._known_base()
         places = base.places(commands, scene.velocity, scene.given, times, self.time_step)
         steps = [time / self.time_step for time in times]
         return room_along(places, scene.points, scene.motion, steps, required)
-
-
-@dataclass
-class _Scene:
-    """Points, their motion and required distances, and the robot's motion, of N worlds."""
-
-    points: Tensor
-    motion: Tensor
-    required: Tensor
-    velocity: Tensor
-    given: Tensor
-
-    def __getitem__(self, rows: Tensor) -> _Scene:
-        return _Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def _check_sizes(

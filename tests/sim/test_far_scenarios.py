@@ -7,7 +7,7 @@ from scenes import pack, scene
 
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
 from navrl.sim.bullet import BulletSimulator
-from navrl.sim.simulator import FARTHEST_M
+from navrl.sim.reset_checks import FARTHEST_M
 
 
 @pytest.fixture(params=[BatchedSimulator, BulletSimulator])
