@@ -96,7 +96,7 @@ class CorrelatedExploration(GaussianExploration):
 
     Between two steps the noise keeps the share a = exp(-time_step_s / correlation_time_s) of its
     value and gains white noise of variance 1 - a^2, so that its deviation is ``sigma`` in every
-    step. Each world has its own noise, which starts anew with each episode. It is a key of the
+    step. Each world has its own noise, which restarts with each episode. It is a key of the
     TensorDict, ``exploration_noise``, so checkpoints include it.
 
     Args:
