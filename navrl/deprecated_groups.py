@@ -1,4 +1,4 @@
-"""Deprecated names of configuration groups, on the command line and in stored configurations."""
+"""Deprecated names of configuration groups, in overrides and in stored configurations."""
 
 from __future__ import annotations
 

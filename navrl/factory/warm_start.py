@@ -73,7 +73,7 @@ def start_critic(cfg: DictConfig, algorithm: Algorithm) -> None:
     folder = Path(cfg.warm_start)
     folder = folder.parent if folder.name == "policy" else folder
     if not is_resumed(folder):
-        log.info("warm_start=%s: has no critic, which starts with random weights", cfg.warm_start)
+        log.info("warm_start=%s: has no critic; it has initial weights", cfg.warm_start)
         return
     state = algorithm.state_dict()
     saved = CheckpointStore(folder / "checkpoint").load()["algorithm"].get("loss", {})

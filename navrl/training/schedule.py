@@ -15,7 +15,7 @@ class Schedule:
     Args:
         total_frames: Environment steps (sum over all worlds) after which training ends.
         total_seconds: Duration after which training ends, s; ``None`` for no limit. Learning rates,
-            exploration and the end follow frames or seconds, that which is further. A clock is
+            exploration and the end follow the larger share of frames and of seconds. A clock is
             read, so a training with it cannot be repeated bit for bit.
         frames_per_update: Environment steps per gradient update.
         learning_starts: Environment steps before the first update.

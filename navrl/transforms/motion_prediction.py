@@ -13,7 +13,7 @@ from navrl.transforms.observation_map import Keys, ObservationMap, real_spec
 
 
 class MotionPrediction(ObservationMap):
-    """Express pose and scan in the frame in which the robot will be when its command takes effect.
+    """Express pose and scan in the robot's frame at the time its next command takes effect.
 
     A command that is late takes effect at another place than that of the decision. If the delay is
     known, the commands under way determine this place, so a policy that decides as if it were there

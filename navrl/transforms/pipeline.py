@@ -11,7 +11,7 @@ AFTER_POOLING = ("motion_prediction", "motion_compensation", "full_range", "pose
 
 
 def compose(**steps: Transform | None) -> Compose:
-    """Chain named transforms in the given order, with the shield as the last check of a command.
+    """Chain named transforms in the given order; a shield is the last to change a command.
 
     Names make each step of a configuration addressable: a user can override a value of a step,
     replace it, append another, or remove it with ``null``. A bundle without, say,

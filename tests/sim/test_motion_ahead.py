@@ -47,7 +47,7 @@ def test_simulator_reaches_the_predicted_pose(kind, robot):
 
 
 @pytest.mark.parametrize("kind", SIMULATORS)
-def test_prediction_survives_saving(kind):
+def test_prediction_equals_that_of_a_restored_state(kind):
     simulator = started(kind, Delays(command_delay_s=0.26))
     drive(simulator)
     twin = started(kind, Delays(command_delay_s=0.26))

@@ -9,7 +9,7 @@ from navrl.ops import se2
 from navrl.transforms import MotionCompensation, MotionPrediction, Waypoints, compose
 
 
-def test_frames_of_scan_and_pose_are_those_of_the_predicted_robot():
+def test_scan_and_pose_have_the_predicted_frame():
     ahead = torch.tensor([[0.2, 0.1, 0.5]])
     pose = torch.tensor([[3.0, -1.0, 2.0]], dtype=torch.float64)
     scan = torch.tensor([[[-0.3, 0.0, 0.1], [-0.1, 0.05, 0.0]]])

@@ -20,7 +20,7 @@ SETTLING_TIME = 1.0  # s after the start in which any turn rate is allowed
 
 
 def turn_reversals(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` share of steps in which w changes sign, with abs(w) > 0.5 rad/s on both sides.
+    """Return ``[E]`` share of steps that reverse w, from and to more than 0.5 rad/s.
 
     Example:
         >>> turns = [(1.0, 0.6), (1.0, -0.6), (1.0, 0.4), (1.0, 0.6), (1.0, 0.6)]
@@ -37,7 +37,7 @@ def turn_reversals(trajectory: Trajectory) -> np.ndarray:
 
 
 def speed_change_p90(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s, the 90th percentile over steps of the absolute change of v per step.
+    """Return ``[E]`` m/s, 90th percentile of the absolute change of v per step.
 
     Example:
         >>> drive = [(v, 0.0) for v in (0.0, 0.1, 0.3)]
@@ -51,7 +51,7 @@ def speed_change_p90(trajectory: Trajectory) -> np.ndarray:
 
 
 def speed_change_p95(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` m/s, the 95th percentile over steps of the absolute change of v per step.
+    """Return ``[E]`` m/s, 95th percentile of the absolute change of v per step.
 
     Example:
         >>> drive = [(v, 0.0) for v in (0.0, 0.1, 0.3)]
@@ -65,7 +65,7 @@ def speed_change_p95(trajectory: Trajectory) -> np.ndarray:
 
 
 def turn_rate_change_p90(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` rad/s, the 90th percentile over steps of the absolute change of w per step.
+    """Return ``[E]`` rad/s, 90th percentile of the absolute change of w per step.
 
     Example:
         >>> drive = [(1.0, w) for w in (0.0, 1.0, -1.0)]
@@ -79,7 +79,7 @@ def turn_rate_change_p90(trajectory: Trajectory) -> np.ndarray:
 
 
 def turn_rate_change_p95(trajectory: Trajectory) -> np.ndarray:
-    """Return ``[E]`` rad/s, the 95th percentile over steps of the absolute change of w per step.
+    """Return ``[E]`` rad/s, 95th percentile of the absolute change of w per step.
 
     Example:
         >>> drive = [(1.0, w) for w in (0.0, 1.0, -1.0)]

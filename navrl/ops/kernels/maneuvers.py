@@ -1,4 +1,4 @@
-"""Hybrid A* among pedestrians with known trajectories, for a base that does not follow at once.
+"""Hybrid A* among pedestrians with known trajectories, for a base with limits.
 
 A node is the pose and the velocity after a whole number of steps. Velocities are those of a grid of
 V, and each has A maneuvers that end at a velocity of the grid; positions and headings are
