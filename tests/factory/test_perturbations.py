@@ -77,9 +77,12 @@ def test_name_of_each_perturbation_is_that_of_its_option(name):
         ("period_03", {"time_step_s": 0.3, "substeps": 15, "robot.max_speed": 1.0}),
         ("wheels_1", {"robot.model": "wheeled", "robot.wheel_acceleration": 1.0}),
         ("speed_05", {"robot.max_speed": 0.5, "robot.model": "kinematic"}),
-        ("fov_180", {"lidar.field_of_view": math.pi, "robot.max_speed": 1.0}),
-        ("dropout", {"lidar.dropout": 0.05, "lidar.num_beams": 1440}),
-        ("turtlebot3", {"robot.radius": 0.105, "robot.max_speed": 0.22, "lidar.dropout": 0.0}),
+        ("fov_180", {"lidar.coverage.field_of_view": math.pi, "robot.max_speed": 1.0}),
+        ("dropout", {"lidar.errors.dropout": 0.05, "lidar.num_beams": 1440}),
+        (
+            "turtlebot3",
+            {"robot.radius": 0.105, "robot.max_speed": 0.22, "lidar.errors.dropout": 0.0},
+        ),
     ],
 )
 def test_perturbation_reaches_the_simulator(policy, name, values):
@@ -97,7 +100,7 @@ def test_ordinary_robot_combines_all_parts():
     assert simulator.robot.wheel_acceleration == 1.0 and simulator.robot.model == "wheeled"
     delays = simulator.delays
     assert (delays.scan_age_s, delays.command_delay_s, delays.revolution_s) == (0.1, 0.1, 0.1)
-    assert math.isclose(simulator.lidar.field_of_view, math.radians(270))
+    assert math.isclose(simulator.lidar.coverage.field_of_view, math.radians(270))
 
 
 def test_capped_speed_is_unknown_to_the_policy():
@@ -120,7 +123,7 @@ def test_localization_is_perturbed():
 
 def test_lidar_of_a_bundle_keeps_its_beams():
     lidar = env_of("perez_darpino", "fov_270").simulator.lidar
-    assert lidar.num_beams == 1536 and math.isclose(lidar.field_of_view, math.radians(270))
+    assert lidar.num_beams == 1536 and math.isclose(lidar.coverage.field_of_view, math.radians(270))
 
 
 def test_controller_knows_the_perturbed_robot():
