@@ -119,7 +119,7 @@ def _left(
 def _commands(
     robot: RobotModel, start: Tensor, target: Tensor, time_step_s: float, substeps: int
 ) -> Tensor:
-    """Return commands ``[R, 2]`` after which the velocities are the targets, where there are any.
+    """Return commands ``[R, 2]`` after which the velocities are the targets, if there are any.
 
     Newton's method per component; exact in one iteration for scale, bias and lag. Where a limit
     prevents the target the result is any command.
