@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from omegaconf import DictConfig
 from tensordict.nn import TensorDictModule
 from torch import Tensor
@@ -88,20 +89,34 @@ def start_critic(cfg: DictConfig, algorithm: Algorithm) -> None:
 def matching_layers(saved: Weights, own: Weights) -> dict[str, Tensor]:
     """Return the saved tensors of layers all of whose tensors match by name and shape.
 
+    A linear layer with more inputs than saved matches too: further inputs are appended by streams
+    at the end of an encoder, and their weights are zero, so the network answers as before.
+
     Example:
         >>> import torch
         >>> layer = {"0.weight": torch.ones(2, 3), "0.bias": torch.ones(2)}
         >>> list(matching_layers(layer, {**layer, "1.bias": torch.ones(1)}))
         ['0.weight', '0.bias']
-        >>> matching_layers(layer, {**layer, "0.weight": torch.ones(2, 4)})
+        >>> matching_layers(layer, {**layer, "0.weight": torch.ones(2, 4)})["0.weight"][0]
+        tensor([1., 1., 1., 0.])
+        >>> matching_layers(layer, {**layer, "0.weight": torch.ones(3, 3)})
         {}
     """
+    saved = {name: _widened(value, own.get(name)) for name, value in saved.items()}
     differ = {
         _layer(name)
         for name, value in own.items()
         if name not in saved or saved[name].shape != value.shape
     }
     return {name: saved[name] for name in own if _layer(name) not in differ}
+
+
+def _widened(saved: Tensor, own: Tensor | None) -> Tensor:
+    """Return weights ``[out, in]`` with zeros for the further inputs of the own layer."""
+    if own is None or saved.ndim != 2 or own.ndim != 2:
+        return saved
+    missing = own.shape[1] - saved.shape[1]
+    return saved if missing <= 0 else torch.nn.functional.pad(saved, (0, missing))
 
 
 def _of_critic(loss: Mapping[str, Any]) -> dict[str, Tensor]:
