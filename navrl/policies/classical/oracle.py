@@ -190,6 +190,13 @@ class Oracle(Controller):
             sent[:, first : first + steps, axis] = plan[:, :steps, axis]
         return sent
 
+    @property
+    def _top_speed(self) -> float:
+        """Largest speed of a plan, m/s; caps and errors of scale make it another than commanded."""
+        if self._maneuvers is None:
+            return self.robot.max_speed
+        return float(self._maneuvers.velocities[:, 0].max())
+
     def _search(
         self, scenarios: ScenarioBatch, effort: SearchEffort, stay: int
     ) -> tuple[Tensor, Tensor]:
@@ -199,7 +206,7 @@ class Oracle(Controller):
         ticks = torch.arange(limit * self.substeps + 1) * (self.time_step_s / self.substeps)
         ticks = ticks + max(self._delays_s)  # the plan begins when commands take effect
         maps = space_time_maps(
-            scenarios, ticks.double(), reach, self.cell, self.robot.max_speed * self.time_step_s
+            scenarios, ticks.double(), reach, self.cell, self._top_speed * self.time_step_s
         )
         plan = torch.full((count, limit), stay)
         code, steps, nodes = (torch.zeros(count, dtype=torch.int64) for _ in range(3))
