@@ -43,8 +43,15 @@ def test_bundle_that_does_not_fit_is_named(tmp_path):
 
 def test_layers_match_as_a_whole():
     layer = {"0.weight": torch.ones(2, 3), "0.bias": torch.ones(2), "1.bias": torch.ones(1)}
-    other = {**layer, "0.weight": torch.ones(2, 4)}
+    other = {**layer, "0.weight": torch.ones(3, 3)}
     assert list(matching_layers(layer, other)) == ["1.bias"]
+
+
+def test_inputs_appended_to_a_layer_have_zero_weights():
+    layer = {"0.weight": torch.ones(2, 3), "0.bias": torch.ones(2)}
+    wider = matching_layers(layer, {**layer, "0.weight": torch.full((2, 5), 7.0)})
+    assert wider["0.weight"].tolist() == [[1.0, 1.0, 1.0, 0.0, 0.0]] * 2
+    assert not matching_layers(layer, {**layer, "0.weight": torch.ones(2, 2)})
 
 
 def test_run_gives_actor_and_critic(tmp_path):
