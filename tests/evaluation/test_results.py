@@ -36,15 +36,17 @@ METRICS = (
     "success,timeout,collision,collision_wall,collision_furniture,moved_into_pedestrian,"
     "time_to_goal_s,spl,stl,stalled_time_s,time_without_progress_s,mean_speed_mps,max_speed_mps,"
     "mean_acceleration_mps2,max_acceleration_mps2,mean_jerk_mps3,max_jerk_mps3,heading_change_rad,"
+    "turn_reversal_share,speed_change_p90_mps,speed_change_p95_mps,turn_rate_change_p90_radps,"
+    "turn_rate_change_p95_radps,max_turn_rate_radps,turned_per_meter_radpm,shielded_share,"
     "mean_pedestrian_distance_m,beyond_0.45m_share,beyond_1.2m_share,min_time_to_collision_s"
 )
 NO_METRICS = "," * METRICS.count(",")
-ERROR_METRICS = f"0,0,0,0,0,0,,0.000000,0.000000{',' * 13}"  # no success, and no contact is known
+ERROR_METRICS = f"0,0,0,0,0,0,,0.000000,0.000000{',' * 21}"  # no success, and no contact is known
 CSV = f"""\
 index,scenario,outcome,steps,time_s,path_length_m,min_pedestrian_distance_m,hit_by_pedestrian,solved,\
 noise_seed,num_dynamic,num_static,pedestrian_speed_mps,{METRICS},error
 0,corridor,success,40,8.000000,7.123457,0.250000,0,,0,0,0,,\
-1,,,,,,8.000000,{"," * 14}inf,
+1,,,,,,8.000000,{"," * 22}inf,
 1,office,success,51,10.200000,9.500000,inf,0,,0,0,0,,{NO_METRICS},
 2,office,collision_pedestrian,7,1.400000,1.000000,0.000000,1,,9,2,1,0.600000,{NO_METRICS},
 3,corridor,collision_static,9,1.800000,1.500000,0.500000,0,,0,0,0,,{NO_METRICS},
