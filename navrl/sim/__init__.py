@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING
 
 from navrl.sim.crowd import PedestrianModel, ScriptedRoutes
 from navrl.sim.delays import Delays
+from navrl.sim.differential_drive import DifferentialDrive
 from navrl.sim.draws import LogUniform, Uniform
 from navrl.sim.lidar import Lidar
 from navrl.sim.limited_drive import LimitedDrive
 from navrl.sim.localization import Localization
-from navrl.sim.robot import DifferentialDrive, RobotModel
+from navrl.sim.robot import RobotModel
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import Contact, SimState
 

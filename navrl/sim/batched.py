@@ -18,8 +18,9 @@ from navrl.ops.kernels.worlds import (
 from navrl.ops.raycast import beam_directions, beam_grid
 from navrl.sim.crowd import PedestrianModel, step_legs
 from navrl.sim.delays import Delays
+from navrl.sim.differential_drive import DifferentialDrive
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import DifferentialDrive, RobotModel
+from navrl.sim.robot import RobotModel
 from navrl.sim.scenario_rows import compact_pedestrians, packed_walls
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from navrl.ops.unicycle import advance_poses
+from navrl.sim.differential_drive import DifferentialDrive
 from navrl.sim.draws import Uniform, Value, draw_row, limits, nominal
-from navrl.sim.robot import DifferentialDrive, RobotModel
+from navrl.sim.robot import RobotModel
 
 # Pairs (v, w) of columns of the parameters; each pair is one stage.
 # The last pair is (rim acceleration, unused).
@@ -210,6 +211,16 @@ class LimitedDrive(DifferentialDrive):
         )
         return (x, y, yaw), (v, w)
 
+    def reachable(self, velocity: Tensor, command: Tensor, duration: float) -> Tensor:
+        """Return the velocity nearest to a command that the nominal accelerations allow.
+
+        Lag, errors and caps are not considered; see :meth:`RobotModel.reachable`.
+        """
+        low, high, row = self._constants_like(velocity)
+        pairs = row.unflatten(-1, (WHEELS + 1, 2)).unbind(-2)
+        target = torch.clamp(command.to(velocity), low, high)
+        return self._accelerated(velocity, target, *_changes(duration, pairs))
+
     def _constants_like(self, pose: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return the command limits [2] each and the nominal parameters [14], in memory."""
         key = (pose.device, pose.dtype)
@@ -234,22 +245,25 @@ class LimitedDrive(DifferentialDrive):
     ) -> Tensor:
         """Return the velocities [S, *B, 2] after substeps of lag and limited acceleration."""
         share = -torch.expm1(-duration / pairs[LAG])  # of the difference, in a substep
-        faster, slower = duration * pairs[ACCELERATION], duration * pairs[DECELERATION]
-        rim = duration * pairs[WHEELS][..., 0]
+        changes = _changes(duration, pairs)
         velocities = []
         for target in targets:
-            change = target - velocity
             if LAG in self._stages:
-                change = share * change
-                target = velocity + change
-            if ACCELERATION in self._stages:
-                limit = torch.where(velocity * change < 0, slower, faster)
-                target = torch.clamp(target, velocity - limit, velocity + limit)
-            if WHEELS in self._stages:
-                target = velocity + self._limited_by_wheels(target - velocity, rim)
-            velocity = target
+                target = velocity + share * (target - velocity)
+            velocity = self._accelerated(velocity, target, *changes)
             velocities.append(velocity)
         return torch.stack(velocities)
+
+    def _accelerated(
+        self, velocity: Tensor, target: Tensor, faster: Tensor, slower: Tensor, rim: Tensor
+    ) -> Tensor:
+        """Return the velocity [*B, 2] nearest to the target within the largest changes."""
+        if ACCELERATION in self._stages:
+            limit = torch.where(velocity * (target - velocity) < 0, slower, faster)
+            target = torch.clamp(target, velocity - limit, velocity + limit)
+        if WHEELS in self._stages:
+            target = velocity + self._limited_by_wheels(target - velocity, rim)
+        return target
 
     def _limited_by_wheels(self, change: Tensor, limit: Tensor) -> Tensor:
         """Return the change [*B, 2] of (v, w) with rim speeds that change by at most ``limit``."""
@@ -257,6 +271,12 @@ class LimitedDrive(DifferentialDrive):
         half = 0.5 * self.wheel_separation * dw
         left, right = torch.clamp(dv - half, -limit, limit), torch.clamp(dv + half, -limit, limit)
         return torch.stack((0.5 * (left + right), (right - left) / self.wheel_separation), dim=-1)
+
+
+def _changes(duration: float, pairs: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the largest increase and decrease of (v, w), [*B, 2], and change of a rim, [*B]."""
+    acceleration, deceleration, wheels = pairs[ACCELERATION], pairs[DECELERATION], pairs[WHEELS]
+    return duration * acceleration, duration * deceleration, duration * wheels[..., 0]
 
 
 def _check(name: str, value: Value) -> None:

@@ -6,6 +6,7 @@ the transforms work with any TorchRL environment.
 
 from navrl.transforms.action_shield import ActionShield
 from navrl.transforms.base_motion import Base
+from navrl.transforms.command_rate_limit import CommandRateLimit
 from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
@@ -24,6 +25,7 @@ __all__ = [
     "TAGD",
     "ActionShield",
     "Base",
+    "CommandRateLimit",
     "GoalPosition",
     "ICPAlign",
     "MinPool",

@@ -10,7 +10,6 @@ from typing import Literal
 import torch
 from tensordict import NestedKey
 from torch import Tensor
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.checks import check_positive
@@ -18,7 +17,7 @@ from navrl.deprecation import renamed_arguments
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.returns import finite_returns
 from navrl.transforms.action_map import ActionMap
-from navrl.transforms.base_motion import IDEAL, Base
+from navrl.transforms.base_motion import IDEAL, Base, base_of
 from navrl.transforms.observation_map import Keys, nested_keys
 from navrl.transforms.shield_scene import Scene
 
@@ -218,19 +217,8 @@ class ActionShield(ActionMap):
     def _known_base(self) -> Base:
         if self.base is None:
             return IDEAL
-        base = self.base if isinstance(self.base, Base) else self._base_of_environment()
+        base = self.base if isinstance(self.base, Base) else base_of(self)
         return base.when_commands_apply() if self.ahead else base
-
-    def _base_of_environment(self) -> Base:
-        env = self.container
-        while env is not None and not hasattr(env, "base"):
-            env = env.container if isinstance(env, Transform) else getattr(env, "base_env", None)
-        if env is None:
-            raise ValueError(
-                "base='environment': must be part of an environment or runner that knows its base; "
-                "pass a navrl.transforms.Base otherwise"
-            )
-        return env.base
 
     def _times(self) -> list[float]:
         """Return the checked times, s: the horizon, later by the delay of the command."""

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import torch
 from torch import Tensor
+from torchrl.envs import Transform
 
 from navrl.ops.unicycle import advance_poses
 
@@ -29,6 +30,10 @@ class Drive(Protocol):
         self, pose: Tensor, velocity: Tensor, commands: Tensor, duration: float
     ) -> tuple[Tensor, Tensor]:
         """Return poses and velocities after each of S substeps."""
+        ...
+
+    def reachable(self, velocity: Tensor, command: Tensor, duration: float) -> Tensor:
+        """Return the velocity nearest to a command that accelerations allow within a time."""
         ...
 
 
@@ -118,6 +123,23 @@ class Base:
         return torch.stack(parts, dim=-1)
 
 
+def base_of(transform: Transform) -> Base:
+    """Return the base of the environment or runner that a transform is a part of.
+
+    Raises:
+        ValueError: If it is part of none that knows its base.
+    """
+    env = transform.container
+    while env is not None and not hasattr(env, "base"):
+        env = env.container if isinstance(env, Transform) else getattr(env, "base_env", None)
+    if env is None:
+        raise ValueError(
+            "base='environment': must be part of an environment or runner that knows its base; "
+            "pass a navrl.transforms.Base otherwise"
+        )
+    return env.base
+
+
 class _Kinematic:
     """A base that has the commanded velocity at once."""
 
@@ -131,6 +153,9 @@ class _Kinematic:
             pose = advance_poses(pose, command, duration)
             poses.append(pose)
         return torch.stack(poses), commands
+
+    def reachable(self, velocity: Tensor, command: Tensor, duration: float) -> Tensor:
+        return command
 
 
 IDEAL = Base(_Kinematic())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from torchrl.envs import Compose, Transform
 
 from navrl.transforms.action_shield import ActionShield
+from navrl.transforms.command_rate_limit import CommandRateLimit
 
 AFTER_POOLING = ("motion_prediction", "motion_compensation", "full_range", "pose_history")
 """Names of steps that follow ``min_pool``, in this order, wherever they are added."""
@@ -18,10 +19,11 @@ def compose(**steps: Transform | None) -> Compose:
     ``motion_compensation`` can be extended with it, although its configuration ends with others.
 
     A chain maps actions in reverse: its first step is the last to change a command. So a chain with
-    an :class:`ActionShield` is reordered: observation transforms, shields, then the transforms that
-    change the action (those with ``in_keys_inv``), each group in the given order. The shield reads
-    what every observation transform writes, and checks what every action transform returns, also
-    those that a user appends.
+    an :class:`ActionShield` or a :class:`CommandRateLimit` is reordered: observation transforms,
+    limits of the rate, shields, then the transforms that change the action (those with
+    ``in_keys_inv``), each group in the given order. The shield reads what every observation
+    transform writes, and checks what every action transform returns, also those that a user
+    appends; the limit does not change how the base drives.
 
     Args:
         **steps: Transforms by name; None omits a step.
@@ -41,7 +43,7 @@ def compose(**steps: Transform | None) -> Compose:
         if step is not None and not isinstance(step, Transform):
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
     given = [steps[name] for name in _ordered(list(steps)) if steps[name] is not None]
-    return Compose(sorted(given, key=_rank) if any(map(_is_shield, given)) else given)
+    return Compose(sorted(given, key=_rank) if any(map(_is_last, given)) else given)
 
 
 def _ordered(names: list[str]) -> list[str]:
@@ -54,11 +56,13 @@ def _ordered(names: list[str]) -> list[str]:
     return [*others[:after], *moved, *others[after:]]
 
 
-def _is_shield(step: Transform) -> bool:
-    return isinstance(step, ActionShield)
+def _is_last(step: Transform) -> bool:
+    return isinstance(step, (ActionShield, CommandRateLimit))
 
 
 def _rank(step: Transform) -> int:
-    if _is_shield(step):
+    if isinstance(step, CommandRateLimit):
         return 1
-    return 2 if step.in_keys_inv else 0
+    if isinstance(step, ActionShield):
+        return 2
+    return 3 if step.in_keys_inv else 0
