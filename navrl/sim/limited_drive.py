@@ -17,6 +17,8 @@ from navrl.sim.robot import RobotModel
 # The last pair is (rim acceleration, unused).
 SCALE, BIAS, CAP, LAG, ACCELERATION, DECELERATION, WHEELS = range(7)
 
+_SUBSTEP_S = 0.02  # of the simulators
+
 
 class LimitedDrive(DifferentialDrive):
     """Differential drive with limited accelerations, lag, and errors of scale and bias.
@@ -219,7 +221,13 @@ class LimitedDrive(DifferentialDrive):
         low, high, row = self._constants_like(velocity)
         pairs = row.unflatten(-1, (WHEELS + 1, 2)).unbind(-2)
         target = torch.clamp(command.to(velocity), low, high)
-        return self._accelerated(velocity, target, *_changes(duration, pairs))
+        count = max(
+            1, round(duration / _SUBSTEP_S)
+        )  # a velocity that changes sign first decelerates
+        changes = _changes(duration / count, pairs)
+        for _ in range(count):
+            velocity = self._accelerated(velocity, target, *changes)
+        return velocity
 
     def _constants_like(self, pose: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return the command limits [2] each and the nominal parameters [14], in memory."""
