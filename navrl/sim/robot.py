@@ -152,7 +152,7 @@ class RobotModel(ABC):
 
     @property
     def follows_commands(self) -> bool:
-        """Whether the base has the commanded velocity at once and in full."""
+        """Return whether the base has the commanded velocity at once and in full."""
         return False
 
     @property
@@ -228,7 +228,7 @@ class DifferentialDrive(RobotModel):
 
     @property
     def follows_commands(self) -> bool:
-        """Whether the model is kinematic."""
+        """Return whether the model is kinematic."""
         return self.model == "kinematic" and self.is_compiled
 
     @property
