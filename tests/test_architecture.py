@@ -13,6 +13,7 @@ RANK = {
     "checks": 0,
     "config": 0,
     "deprecation": 0,
+    "deprecated_groups": 0,
     "extras": 0,
     "files": 0,
     "untrusted": 0,

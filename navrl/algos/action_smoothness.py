@@ -51,6 +51,7 @@ class ActionSmoothness:
     noise: float = 0.05
 
     def __post_init__(self) -> None:
+        """Check the weights."""
         for name, value in vars(self).items():
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"action_smoothness.{name}={value}: must be >= 0")

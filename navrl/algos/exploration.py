@@ -124,6 +124,7 @@ class CorrelatedExploration(GaussianExploration):
     def __init__(
         self, correlation_time_s: float = 0.4, time_step_s: float = 0.2, **schedule: Any
     ) -> None:
+        """Check the process; ``schedule`` holds the arguments of the base class."""
         super().__init__(**schedule)
         if not 0.0 <= correlation_time_s < math.inf or not 0.0 < time_step_s < math.inf:
             raise ValueError(

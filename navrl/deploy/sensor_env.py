@@ -30,6 +30,7 @@ class SensorEnv(EnvBase):
     """Observation and action specs of a robot for the transforms; it is never stepped."""
 
     def __init__(self, lidar: Lidar, base: Base) -> None:
+        """Set the specs of the observations."""
         super().__init__(batch_size=torch.Size([1]))
         self.base, robot = base, cast(RobotModel, base.robot)
         rows = torch.Size((1, robot.command_size))

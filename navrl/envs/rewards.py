@@ -180,5 +180,6 @@ class Smoothness:
     speed_change: float = 0.0
 
     def __call__(self, step: Transition) -> Tensor:
+        """Return the reward ``[N]`` of a step."""
         change = (step.command - step.command_before).square()
         return -(self.speed_change * change[:, 0] + self.turn_rate_change * change[:, 1])

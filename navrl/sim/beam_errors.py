@@ -29,6 +29,7 @@ class BeamErrors:
     def __init__(
         self, dropout: Value, speckle: Value, speckle_min_range: Value, max_range: float
     ) -> None:
+        """Check and store the arguments."""
         for name, share in (("dropout", dropout), ("speckle", speckle)):
             low, high = limits(share)
             if not 0.0 <= low <= high <= 1.0:

@@ -41,6 +41,7 @@ class Coverage:
         field_of_view: Value = FULL_CIRCLE,
         blind_sectors: Sequence[Sequence[Value]] = (),
     ) -> None:
+        """Check and store the arguments."""
         low, high = limits(field_of_view)
         widest = FULL_CIRCLE + _ROUNDING if low == high else 2.0 * FULL_CIRCLE
         if not 0.0 < low <= high <= widest:

@@ -61,6 +61,7 @@ class Delays:
     command_jitter_s: Value = 0.0
 
     def __post_init__(self) -> None:
+        """Check the values."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not 0.0 <= limits(value)[0] < float("inf"):

@@ -70,7 +70,7 @@ class DifferentialDrive(RobotModel):
 
     @property
     def follows_commands(self) -> bool:
-        """Whether the model is kinematic."""
+        """Return whether the model is kinematic."""
         return self.model == "kinematic" and self.is_compiled
 
     @property

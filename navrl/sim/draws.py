@@ -29,6 +29,7 @@ class Uniform:
     high: float
 
     def __post_init__(self) -> None:
+        """Check the bounds."""
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low <= self.high):
             raise ValueError(f"low={self.low}, high={self.high}: must be finite and low <= high")
 
@@ -54,6 +55,7 @@ class LogUniform(Uniform):
     """
 
     def __post_init__(self) -> None:
+        """Check the bounds."""
         super().__post_init__()
         if self.low <= 0.0:
             raise ValueError(f"low={self.low}: must be positive for a log-uniform distribution")

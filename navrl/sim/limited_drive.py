@@ -91,6 +91,7 @@ class LimitedDrive(DifferentialDrive):
         speed_cap: Value = math.inf,
         turn_rate_cap: Value = math.inf,
     ) -> None:
+        """Check and store the arguments."""
         super().__init__(radius, wheel_separation, max_speed, max_turn_rate, min_speed)
         speeding = (
             ("linear_acceleration", linear_acceleration),

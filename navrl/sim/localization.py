@@ -48,6 +48,7 @@ class Localization:
     drift_rad_per_s: Value = 0.0
 
     def __post_init__(self) -> None:
+        """Check the values."""
         for field in fields(self):
             value = getattr(self, field.name)
             low, high = limits(value)
@@ -126,6 +127,7 @@ class PoseMemory:
     def __init__(
         self, localization: Localization, num_worlds: int, time_step_s: float, device: torch.device
     ) -> None:
+        """Allocate the poses."""
         self._localization, self._time_step_s = localization, time_step_s
         count = localization.num_poses(time_step_s)
         self.poses = torch.zeros(num_worlds, count, 3, device=device)

@@ -147,7 +147,7 @@ class RobotModel(ABC):
 
     @property
     def follows_commands(self) -> bool:
-        """Whether the base has the commanded velocity at once and in full."""
+        """Return whether the base has the commanded velocity at once and in full."""
         return False
 
     def reachable(self, velocity: Tensor, command: Tensor, duration: float) -> Tensor:

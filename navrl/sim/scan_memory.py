@@ -42,6 +42,7 @@ class ScanMemory:
         substep_s: float,
         device: torch.device,
     ) -> None:
+        """Allocate the rows."""
         self._delays, self._substeps, self._substep_s = delays, substeps, substep_s
         self._coverage = coverage
         age, jitter, revolution = (

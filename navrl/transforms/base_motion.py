@@ -23,7 +23,7 @@ class Drive(Protocol):
 
     @property
     def follows_commands(self) -> bool:
-        """Whether the base has the commanded velocity at once."""
+        """Return whether the base has the commanded velocity at once."""
         ...
 
     def rollout(
@@ -54,7 +54,7 @@ class Base:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether commands take effect at once and in full."""
+        """Return whether commands take effect at once and in full."""
         return self.robot.follows_commands and not any(self.command_delays_s)
 
     def when_commands_apply(self) -> Base:

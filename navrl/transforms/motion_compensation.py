@@ -94,6 +94,7 @@ class MotionCompensation(ObservationMap):
         in_keys: Keys | None = None,
         out_keys: Keys = (keys.POINTS, keys.RETURNS, keys.RANGES_POOLED),
     ) -> None:
+        """Check and store the arguments."""
         if source not in ("motion", "commands"):
             raise ValueError(f"source={source!r}: must be one of motion, commands")
         if in_keys is None:

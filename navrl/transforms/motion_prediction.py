@@ -48,6 +48,7 @@ class MotionPrediction(ObservationMap):
         in_keys: Keys = (keys.MOTION_AHEAD, keys.POSE, keys.SCAN_MOTION),
         out_keys: Keys = (keys.POSE_AHEAD, keys.SCAN_MOTION_AHEAD),
     ) -> None:
+        """Set the keys."""
         super().__init__(in_keys, out_keys)
 
     def map_values(self, ahead: Tensor, pose: Tensor, scan: Tensor) -> Sequence[Tensor]:

@@ -1,4 +1,4 @@
-"""What a shield knows of N worlds when it checks commands."""
+"""Scene of N worlds in which a shield checks commands."""
 
 from __future__ import annotations
 
@@ -26,4 +26,5 @@ class Scene:
     given: Tensor
 
     def __getitem__(self, rows: Tensor) -> Scene:
+        """Return the selected worlds."""
         return Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
