@@ -13,10 +13,18 @@ from navrl.config import describe
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the bundle and print its path; user errors exit with one line and status 2."""
     options = make_parser().parse_intermixed_args(arguments)
-    from navrl.jobs.publishing import publish  # imports torch
+    from navrl.jobs.publishing import publish, publish_extended  # imports torch
 
+    given = vars(options)
+    steps = given.pop("steps")
     try:
-        folder = publish(**vars(options))
+        if steps:
+            half = given.pop("half")
+            if half:
+                raise ValueError("--half: must not be used with --steps")
+            folder = publish_extended(given.pop("run"), given.pop("out"), steps, **given)
+        else:
+            folder = publish(**given)
     except (OSError, ValueError) as error:
         print(f"navrl: {describe(error)}", file=sys.stderr)
         sys.exit(2)
@@ -29,7 +37,9 @@ def make_parser() -> CommandParser:
     about = "make a bundle with a card of a run's best policy"
     example = "navrl-publish outputs/train/mine bundles/mine --about 'Trained in offices'"
     parser = CommandParser("navrl-publish", about, example)
-    parser.add_argument("run", type=Path, metavar="RUN", help="folder of navrl-train")
+    parser.add_argument(
+        "run", type=Path, metavar="RUN", help="folder of navrl-train; with --steps a bundle"
+    )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the bundle, named like it")
     parser.add_argument(
         "--evaluations",
@@ -37,6 +47,13 @@ def make_parser() -> CommandParser:
         default=[],
         metavar="FOLDER",
         help="folders of navrl-evaluate with this policy, for the card; searched recursively",
+    )
+    parser.add_argument(
+        "--steps",
+        nargs="+",
+        default=[],
+        metavar="STEP",
+        help="add these options of transforms/steps to the pipeline of a bundle",
     )
     parser.add_argument("--about", default="", help="a sentence that describes the policy")
     parser.add_argument(

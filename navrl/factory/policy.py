@@ -70,7 +70,7 @@ def make_evaluated_policy(
     bundle = load_bundle(folder, cfg.allow)
     actor = bundle.actor_with_attention() if with_attention else bundle.actor
     actor = actor.to(make_device(cfg))
-    env = _environment(_with_parts(cfg, bundle.config))
+    env = _environment(with_parts(cfg, bundle.config))
     _check_fit(cfg, actor, env)
     return EvaluatedPolicy(policy_name(cfg), actor, env)
 
@@ -105,12 +105,12 @@ def make_runner(cfg: DictConfig) -> PolicyRunner | None:
     if folder is None:
         return None
     bundle = load_bundle(folder, cfg.allow)
-    local = _with_parts(cfg, bundle.config)
+    local = with_parts(cfg, bundle.config)
     transforms, lidar, robot = (instantiate(local[k]) for k in ("transforms", "lidar", "robot"))
     return PolicyRunner(transforms, bundle.actor, lidar, robot, SafetyLimits.simulated())
 
 
-def _with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
+def with_parts(cfg: DictConfig, config: Mapping[str, Any]) -> DictConfig:
     """Return a copy of ``cfg`` with a bundle's parts, perturbed and changed."""
     return _replaced(cfg, _modified(cfg, {part: config[part] for part in PARTS}))
 

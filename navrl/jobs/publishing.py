@@ -6,11 +6,14 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from omegaconf import OmegaConf
+
+from navrl.config import compose
 from navrl.evaluation import Evaluation, find_evaluations
-from navrl.factory.policy import bundle_folder
+from navrl.factory.policy import bundle_folder, with_parts
 from navrl.files import csv_text, markdown_text, write_text
 from navrl.jobs.inputs import bundle_files, policy_hash
-from navrl.policies import load_bundle, save_bundle
+from navrl.policies import load_bundle, save_bundle, zoo_names
 from navrl.training.provenance import recorded_origins
 from navrl.untrusted import DamagedFileError, is_number, read_table, read_yaml
 
@@ -72,6 +75,51 @@ def publish(
     card = "\n\n".join(part for part in parts if part) + "\n"
     save_bundle(out, config=config, actor=actor, metrics=bundle.metrics, card=card)
     write_text(out / CURVE, csv_text(list(_CURVE_COLUMNS), curve))
+    return out
+
+
+def publish_extended(
+    policy: str | Path,
+    out: str | Path,
+    steps: Sequence[str],
+    evaluations: Sequence[str | Path] = (),
+    about: str = "",
+) -> Path:
+    """Write a bundle with the network of another one and a pipeline with further steps.
+
+    Args:
+        policy: Bundle: a name in the zoo or a folder.
+        out: Folder of the new bundle, named like the policy.
+        steps: Options of the group ``transforms/steps``, as in ``change.transforms``.
+        evaluations: Folders of ``navrl-evaluate`` with the new bundle, searched recursively.
+        about: A sentence that describes the policy.
+
+    Returns:
+        ``out``, with the new bundle's files and the learning curve of the other one.
+
+    Raises:
+        BundleError: If the bundle is damaged.
+        ValueError: If there is no such bundle or step, or an evaluation is of another policy.
+    """
+    folder, out = bundle_folder(str(policy)), Path(out)
+    if folder is None:
+        raise ValueError(f"policy={policy}: must be a bundle or one of {', '.join(zoo_names())}")
+    added = f"+transforms/steps@change.transforms=[{','.join(steps)}]"
+    cfg = compose("evaluate", [f"policy={folder}", added])
+    bundle = load_bundle(folder)
+    changed = with_parts(cfg, bundle.config)
+    config = {name: value for name, value in bundle.config.items() if name != "format"}
+    config["transforms"] = OmegaConf.to_container(changed.transforms, resolve=True)
+    found = find_evaluations(evaluations) if evaluations else []
+    _check_policy(found, [out] if bundle_folder(str(out)) else [])
+    source = (folder / "card.md").read_text().partition("\nScores")[0].partition("Trained by")[2]
+    extended = f"The network of `{folder.name}` with the steps {', '.join(steps)}."
+    parts = [f"# {out.name}", f"{about} {extended}".strip(), f"Trained by{source}", _scores(found)]
+    card = "\n\n".join(part.strip() for part in parts if part) + "\n"
+    save_bundle(out, config=config, actor=bundle.actor, metrics=bundle.metrics, card=card)
+    if (folder / CURVE).is_file():
+        write_text(out / CURVE, (folder / CURVE).read_text())
+    load_bundle(out)  # the new pipeline is allowed in a bundle
     return out
 
 
