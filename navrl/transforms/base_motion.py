@@ -41,6 +41,14 @@ class Base:
             the nominal base is used.
         command_delays_s: Delays of the speed and of the turn rate, s.
         scan_age_s: Age of a scan, s, during which pedestrians have moved on.
+
+    Example:
+        >>> from navrl.sim import DifferentialDrive
+        >>> base = Base(DifferentialDrive(), command_delays_s=(0.2, 0.2))
+        >>> given = torch.tensor([[[0.5, 0.0]]])  # the last command takes effect now
+        >>> frame, velocity = base.ahead(torch.tensor([[0.5, 0.0]]), given, step=0.2)
+        >>> frame.round(decimals=3)
+        tensor([[0.1000, 0.0000, 0.0000]])
     """
 
     robot: Drive
