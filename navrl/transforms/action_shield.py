@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 from tensordict import NestedKey
@@ -212,7 +212,7 @@ class ActionShield(ActionMap):
         if base.scan_age_s:
             points = points + base.scan_age_s / self.time_step * motion
         velocity = state[0] if state else points.new_zeros(len(points), 2)
-        given = torch.stack(state[1:], dim=1) if len(state) > 1 else velocity[:, None]
+        given = torch.stack(list(state[1:]), dim=1) if len(state) > 1 else velocity[:, None]
         return Scene(points, motion, self._required(points, motion), velocity, given)
 
     def _known_base(self) -> Base:
@@ -230,7 +230,7 @@ class ActionShield(ActionMap):
                 "base='environment': must be part of an environment or runner that knows its base; "
                 "pass a navrl.transforms.Base otherwise"
             )
-        return env.base
+        return cast(Base, env.base)
 
     def _times(self) -> list[float]:
         """Return the checked times, s: the horizon, later by the delay of the command."""
