@@ -10,12 +10,12 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictParams
 from torch import Tensor
-from torchrl.objectives import LossModule, SoftUpdate
+from torchrl.objectives import SoftUpdate
 from torchrl.objectives.utils import ValueEstimators
 
 from navrl.algos.action_smoothness import ActionSmoothness
 from navrl.algos.adam import adam_optimizer, load_adam, set_learning_rate
-from navrl.algos.bound_losses import BoundDDPGLoss
+from navrl.algos.bound_losses import BoundDDPGLoss, BoundTD3Loss
 from navrl.algos.cuda_graph import CapturedUpdates, Move
 from navrl.algos.precision import Precision
 from navrl.algos.protocols import NonFiniteUpdateError
@@ -112,7 +112,7 @@ class DDPG:
 
     def _make_loss(
         self, actor: TensorDictModule, critic: TensorDictModule, loss_function: str
-    ) -> LossModule:
+    ) -> BoundDDPGLoss | BoundTD3Loss:
         return BoundDDPGLoss(actor, critic, loss_function)
 
     def _params(self, name: str) -> TensorDictParams:

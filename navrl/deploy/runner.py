@@ -247,7 +247,8 @@ class PolicyRunner:
             values[name] = torch.from_numpy(row.copy()).unsqueeze(0)
         self._given[:, 0] = values[keys.COMMAND]
         ahead = self._base.ahead(values[keys.VELOCITY], self._given, self.time_step_s)
-        return values | dict(zip((keys.MOTION_AHEAD, keys.VELOCITY_AHEAD), ahead, strict=True))
+        values[keys.MOTION_AHEAD], values[keys.VELOCITY_AHEAD] = ahead
+        return values
 
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
         ranges = _single(ranges)

@@ -168,9 +168,8 @@ class NavigationEnv(EnvBase):
             self.simulator, self.localization, list(self.rewards), self.privileged
         )
         bounds = self.simulator.robot.bounds(device)
-        self.action_spec = Bounded(
-            *(row.expand(n, -1).contiguous() for row in bounds), device=device
-        )
+        low, high = (row.expand(n, -1).contiguous() for row in bounds)
+        self.action_spec = Bounded(low, high, device=device)
         self.reward_spec = Unbounded(torch.Size([n, 1]), device=device)
         flag = Binary(1, torch.Size([n, 1]), dtype=torch.bool, device=device)
         flags = {key: flag.clone() for key in ("done", "terminated", "truncated")}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDictBase, is_tensor_collection
@@ -115,7 +115,9 @@ class CriticNetwork(nn.Module):
 class NetworkModule(TensorDictModule):
     """TensorDict module of an actor or a critic; a missing key is named with its former name."""
 
-    def forward(self, *args: Any, **kwargs: Any) -> TensorDictBase | Tensor | tuple[Tensor, ...]:
+    def forward(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self, *args: Any, **kwargs: Any
+    ) -> TensorDictBase | Tensor | tuple[Tensor, ...]:
         """Call the network on a TensorDict, or on the values of its keys.
 
         Raises:
@@ -124,8 +126,9 @@ class NetworkModule(TensorDictModule):
         try:
             return super().forward(*args, **kwargs)
         except Exception as error:  # tensordict passes None for a missing key
-            given = args[0] if args else kwargs.get("tensordict")
-            hint = former_input(self.in_keys, given.keys() if is_tensor_collection(given) else ())
+            given = cast(Any, args[0] if args else kwargs.get("tensordict"))
+            names = given.keys() if is_tensor_collection(given) else ()
+            hint = former_input(cast(list[str], self.in_keys), names)
             if hint is None:
                 raise
             raise KeyError(hint) from error

@@ -15,7 +15,7 @@ Bearing = Literal["bin", "beam"]
 SECTOR_TOLERANCE_RAD = 1e-6
 
 
-def first_beam(part, num_parts, num_beams):
+def first_beam(part: int, num_parts: int, num_beams: int) -> int:
     """Return the first beam that a spinning lidar measures in one of the parts of its sweep.
 
     Beam j is measured in the part nearest to its time, which is j / (num_beams - 1) of the sweep

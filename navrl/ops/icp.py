@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import torch
@@ -10,7 +9,8 @@ from torch import Tensor
 
 from navrl.ops import se2
 from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
-from navrl.ops.icp_options import DAMPING, PAPER, SLIDE_WEIGHT, IcpOptions
+from navrl.ops.icp_options import DAMPING, PAPER, IcpOptions
+from navrl.ops.icp_pairs import line_equations, nearest_returns, pair_weights, take
 from navrl.ops.lines import ScanLines, fit_lines
 from navrl.ops.returns import finite_returns
 from navrl.ops.rigid_fit import fit_rigid
@@ -176,16 +176,6 @@ def _iterate(
         running = running[~small]
 
 
-def nearest_returns(
-    points: Tensor, target: Tensor, target_returns: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return squared distance and index ``[S, N]`` of the nearest target return."""
-    target = torch.where(target_returns.unsqueeze(-1), target, math.inf)
-    x = points[:, :, None, 0] - target[:, None, :, 0]
-    y = points[:, :, None, 1] - target[:, None, :, 1]
-    return x.square_().addcmul_(y, y).min(dim=-1)
-
-
 def _line_step(
     points: Tensor,
     closest: Tensor,
@@ -198,58 +188,6 @@ def _line_step(
     normal_matrix, vector = line_equations(points, closest, weight, lines)
     damping = DAMPING * torch.eye(3, dtype=vector.dtype, device=vector.device)
     return -torch.linalg.solve(normal_matrix + damping, vector)
-
-
-def pair_weights(
-    points: Tensor,
-    closest: Tensor,
-    matched: Tensor,
-    lines: ScanLines,
-    robust_scale: float | None,
-) -> tuple[Tensor, Tensor]:
-    """Return robust weight and residual, m, of each pair, ``[S, N]`` each.
-
-    The residual is the distance to the matched line, or to the point if it is on none.
-    """
-    offset = points - closest
-    across = (offset * lines.normal).sum(-1)
-    residual = torch.where(lines.is_line, across.abs(), torch.linalg.vector_norm(offset, dim=-1))
-    weight = matched.to(points.dtype)
-    if robust_scale is not None:
-        weight = weight / (1.0 + (residual / robust_scale).square()).square()
-    return weight, residual
-
-
-def line_equations(
-    points: Tensor,
-    closest: Tensor,
-    weight: Tensor,
-    lines: ScanLines,
-    slide_weight: float = SLIDE_WEIGHT,
-) -> tuple[Tensor, Tensor]:
-    """Return normal matrix ``[S, 3, 3]`` and vector ``[S, 3]`` of the distances to the lines.
-
-    Where the target has no line, the pair contributes its point-to-point distance. Along a line,
-    the residual has the small weight ``slide_weight``.
-    """
-    offset = points - closest
-    tangent = torch.stack([lines.normal[..., 1], -lines.normal[..., 0]], dim=-1)
-    along = weight * torch.where(lines.is_line, slide_weight, 1.0)
-    rows, values, weights = [], [], []
-    for direction, w in ((lines.normal, weight), (tangent, along)):
-        lever = points[..., 0] * direction[..., 1] - points[..., 1] * direction[..., 0]
-        rows.append(torch.cat([direction, lever.unsqueeze(-1)], dim=-1))
-        values.append((offset * direction).sum(-1))
-        weights.append(w)
-    jacobian, value = torch.cat(rows, dim=-2), torch.cat(values, dim=-1)
-    weighted = jacobian * torch.cat(weights, dim=-1).unsqueeze(-1)
-    return weighted.mT @ jacobian, (weighted * value.unsqueeze(-1)).sum(-2)
-
-
-def take(values: Tensor, index: Tensor) -> Tensor:
-    """Gather ``values [S, M, ...]`` at ``index [S, N]``."""
-    row = torch.arange(len(index), device=index.device).unsqueeze(-1)
-    return values[row, index]
 
 
 def _root_mean(squared: Tensor, matched: Tensor) -> Tensor:

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from navrl.ops import se2
 from navrl.ops.backend import Backend, as_real
-from navrl.ops.icp import Alignment, align, line_equations, nearest_returns, pair_weights, take
+from navrl.ops.icp import Alignment, align
 from navrl.ops.icp_options import IcpOptions
+from navrl.ops.icp_pairs import line_equations, nearest_returns, pair_weights, take
 from navrl.ops.lines import fit_lines
 from navrl.ops.returns import finite_returns
 
@@ -82,7 +83,7 @@ def alignment_quality(
     target = torch.where(target_returns.unsqueeze(-1), target, 0.0)
     scans = (transform, points, source_returns, target, target_returns)
     flat = [scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans]
-    parts = _measure(*flat, options)
+    parts = _measure(*flat, options=options)
     return Quality(*(part.reshape(batch + part.shape[1:]) for part in parts))
 
 

@@ -167,9 +167,11 @@ def rebin_scan(
     reach = torch.minimum(order.gather(-1, left), order.gather(-1, right))
     is_gap = ray < 0
     if bool(is_gap.any()):
-        ends = [points.gather(-2, side.unsqueeze(-1).expand_as(points)) for side in (left, right)]
+        start, end = (
+            points.gather(-2, side.unsqueeze(-1).expand_as(points)) for side in (left, right)
+        )
         are_returns = returns.gather(-1, left) & returns.gather(-1, right) & (reach < free)
-        reach = torch.where(are_returns & is_gap, _on_line(*ends, center, reach), reach)
+        reach = torch.where(are_returns & is_gap, _on_line(start, end, center, reach), reach)
     is_return = reach < free
     nearest = points.gather(-2, left.unsqueeze(-1).expand_as(points))
     on_center = reach.clamp(max=max_range).unsqueeze(-1) * center

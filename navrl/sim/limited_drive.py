@@ -109,7 +109,7 @@ class LimitedDrive(DifferentialDrive):
             speeding,
             # the name determines the draw, so an omitted deceleration equals the acceleration
             [
-                own if own[1] is not None else other
+                (own[0], own[1]) if own[1] is not None else other
                 for own, other in zip(braking, speeding, strict=True)
             ],
             (("wheel_acceleration", wheel_acceleration), ("", math.inf)),

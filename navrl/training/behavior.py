@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import torch
 from tensordict import TensorDictBase
@@ -60,7 +61,9 @@ class Behavior:
         guided = self._num_guided(len(tensordict), frames)
         if guided:
             action = tensordict.get(keys.ACTION).clone()
-            action[:guided] = self._guide_action(tensordict[:guided].copy(), last)
+            action[:guided] = self._guide_action(
+                cast(TensorDictBase, tensordict[:guided]).copy(), last
+            )
             tensordict.set(keys.ACTION, action)
         return self.exploration(tensordict, frames)
 

@@ -211,7 +211,7 @@ class ActionShield(ActionMap):
         if base.scan_age_s:
             points = points + base.scan_age_s / self.time_step * motion
         velocity = state[0] if state else points.new_zeros(len(points), 2)
-        given = torch.stack(state[1:], dim=1) if len(state) > 1 else velocity[:, None]
+        given = torch.stack(list(state[1:]), dim=1) if len(state) > 1 else velocity[:, None]
         return Scene(points, motion, self._required(points, motion), velocity, given)
 
     def _known_base(self) -> Base:

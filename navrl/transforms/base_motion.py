@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast
 
 import torch
 from torch import Tensor
@@ -46,6 +46,14 @@ class Base:
             the nominal base is used.
         command_delays_s: Delays of the speed and of the turn rate, s.
         scan_age_s: Age of a scan, s, during which pedestrians have moved on.
+
+    Example:
+        >>> from navrl.sim import DifferentialDrive
+        >>> base = Base(DifferentialDrive(), command_delays_s=(0.2, 0.2))
+        >>> given = torch.tensor([[[0.5, 0.0]]])  # the last command takes effect now
+        >>> frame, velocity = base.ahead(torch.tensor([[0.5, 0.0]]), given, step=0.2)
+        >>> frame.round(decimals=3)
+        tensor([[0.1000, 0.0000, 0.0000]])
     """
 
     robot: Drive
@@ -137,7 +145,7 @@ def base_of(transform: Transform) -> Base:
             "base='environment': must be part of an environment or runner that knows its base; "
             "pass a navrl.transforms.Base otherwise"
         )
-    return env.base
+    return cast(Base, env.base)
 
 
 class _Kinematic:

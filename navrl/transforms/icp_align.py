@@ -192,7 +192,8 @@ class ICPAlign(ObservationMap):
         source, source_returns, target, target_returns = scans
         count = len(self.INPUTS) - (8 if self.full_range else 4)
         if count == 0:
-            return align(*scans, self.options, seen=next(iter(others), None))
+            seen = next(iter(others), None)
+            return align(source, source_returns, target, target_returns, self.options, seen=seen)
         prior = self._motion(*others[:count]).to(target.dtype)
         settings = (self.options, self.min_eigenvalue)
         return align_from_prior(prior, source, source_returns, target, target_returns, *settings)

@@ -42,7 +42,7 @@ def compose(**steps: Transform | None) -> Compose:
     for name, step in steps.items():
         if step is not None and not isinstance(step, Transform):
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
-    given = [steps[name] for name in _ordered(list(steps)) if steps[name] is not None]
+    given = [step for name in _ordered(list(steps)) if (step := steps[name]) is not None]
     return Compose(sorted(given, key=_rank) if any(map(_is_last, given)) else given)
 
 

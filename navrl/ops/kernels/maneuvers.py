@@ -13,6 +13,8 @@ plan        [S, T]           velocity times A plus maneuver of each step
 =========== ================ ============================================================
 """
 
+from __future__ import annotations
+
 import heapq
 import math
 
@@ -23,7 +25,7 @@ from navrl.ops.kernels.space_time import EXHAUSTED, FOUND, NODE_LIMIT, grown, is
 
 
 @scalar
-def is_new(seen, key):
+def is_new(seen: np.ndarray, key: int) -> bool:
     """Store a key >= 0 in an open hash table [2^K] of -1; return whether it was not in it."""
     slot = (key * 0x9E3779B97F4A7C1) & (seen.shape[0] - 1)
     while seen[slot] != -1:
@@ -36,10 +38,11 @@ def is_new(seen, key):
 
 @scalar
 def search_maneuvers(
-    start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
-    following, offsets, rest, sectors, reach, goal_radius, cell, heuristic_weight, max_steps,
-    max_nodes, plan,
-):  # fmt: skip
+    start: np.ndarray, goal: np.ndarray, walls: np.ndarray, num_walls: int, people: np.ndarray,
+    origin: np.ndarray, clearance: np.ndarray, steps_to_go: np.ndarray, following: np.ndarray,
+    offsets: np.ndarray, rest: int, sectors: int, reach: float, goal_radius: float, cell: float,
+    heuristic_weight: float, max_steps: int, max_nodes: int, plan: np.ndarray,
+) -> tuple[int, int, int]:  # fmt: skip
     """Search a trajectory, write its maneuvers to ``plan``, return (code, steps, nodes)."""
     substeps, count_x, count_y = offsets.shape[2], clearance.shape[0], clearance.shape[1]
     size = 1024
@@ -109,10 +112,12 @@ def search_maneuvers(
 
 @kernel
 def maneuver_kernel(
-    rows, start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
-    following, offsets, rest, sectors, reach, goal_radius, cell, heuristic_weight, max_nodes, plan,
-    code, steps, nodes,
-):  # fmt: skip
+    rows: tuple[int, int], start: np.ndarray, goal: np.ndarray, walls: np.ndarray,
+    num_walls: np.ndarray, people: np.ndarray, origin: np.ndarray, clearance: np.ndarray,
+    steps_to_go: np.ndarray, following: np.ndarray, offsets: np.ndarray, rest: int,
+    sectors: int, reach: float, goal_radius: float, cell: float, heuristic_weight: float,
+    max_nodes: int, plan: np.ndarray, code: np.ndarray, steps: np.ndarray, nodes: np.ndarray,
+) -> None:  # fmt: skip
     """Solve every query; write plan [S, T], code, steps and nodes [S]."""
     for s in range(rows[0], rows[1]):
         code[s], steps[s], nodes[s] = search_maneuvers(

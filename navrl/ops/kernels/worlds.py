@@ -24,6 +24,8 @@ sweep      [N]         substeps from the first to the last beam of a scan
 ========== =========== =============================================================
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -51,14 +53,17 @@ _SLACK = 1e-6  # m; margin so that rounding never culls a box in contact
 
 
 @scalar
-def is_seen(substep, timing, scan_age, sweep):
+def is_seen(substep: int, timing: tuple[float, int, int], scan_age: int, sweep: int) -> bool:
     """Return whether a scan at the end of this or a later step may see a substep 1 .. S."""
     before_last_beam = -(substep + scan_age) % timing[1]
     return before_last_beam <= sweep + timing[2]
 
 
 @scalar
-def remember(past_pose, past_boxes, present, first, last, pose, boxes):
+def remember(
+    past_pose: np.ndarray, past_boxes: np.ndarray, present: int, first: int, last: int,
+    pose: tuple[float, float, float] | np.ndarray, boxes: np.ndarray,
+) -> None:  # fmt: skip
     """Store pose and boxes as the entries of the substeps ``first .. last`` of a step.
 
     ``present`` is the entry at the start of the step.
