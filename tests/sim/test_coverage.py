@@ -74,7 +74,7 @@ def test_sectors_are_drawn_per_episode():
     [
         ({"field_of_view": 0.0}, r"field_of_view=0.0: must be in \(0, 2 pi\] rad"),
         ({"field_of_view": 270.0}, r"field_of_view=270.0: must be in \(0, 2 pi\] rad"),
-        ({"field_of_view": Uniform(1.0, 7.0)}, r"field_of_view=Uniform\(low=1.0, high=7.0\): must"),
+        ({"field_of_view": Uniform(1.0, 14.0)}, r"field_of_view=Uniform\(low=1.0, high=14.0\): m"),
         ({"blind_sectors": [(0.1,)]}, r"blind_sectors\[0\]=\[0.1\]: must be \(bearing, width\)"),
         ({"blind_sectors": [(0.1, -1.0)]}, r"blind_sectors\[0\]: width=-1.0: must be in \[0, 2 pi"),
         ({"blind_sectors": [(math.nan, 1.0)]}, r"blind_sectors\[0\]: bearing=nan: must be finite"),

@@ -346,7 +346,7 @@ def test_every_timing_option_has_substeps_of_20_ms():
             timing.substeps,
             delays=instantiate(timing.delays),
         )
-        is_instant = name.startswith(("ideal", "command", "period"))
+        is_instant = name.startswith(("ideal", "command", "period", "turn"))
         assert sim.scan_memory.is_used != is_instant
 
 

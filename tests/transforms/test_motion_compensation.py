@@ -9,6 +9,7 @@ from tensordict import TensorDict
 
 from navrl import keys
 from navrl.ops import se2
+from navrl.ops.projection import bin_bearings
 from navrl.ops.raycast import cast_rays
 from navrl.ops.unicycle import advance_poses
 from navrl.transforms import ICPAlign, MinPool, MotionCompensation, RangeHistory, ScanHistory
@@ -56,12 +57,17 @@ def observe(ranges, entry, pool=None, **options):
 
 
 def off_the_walls(points, returns, pose):
-    """Return the distance from the walls that 98 % of the returns keep, m.
+    """Return the largest distance of a measured return from the walls, m.
 
-    A filled gap at a corner lies on the line between both walls.
+    Filled gaps are on the centers of their bins; at a corner they lie on the line between both
+    walls.
     """
-    world = se2.transform_points(pose.float(), points[0])[returns[0]]
-    return (HALF - world.abs()).abs().amin(-1).quantile(0.98)
+    bearing = torch.atan2(points[0, :, 1], points[0, :, 0])
+    off_center = se2.wrap_angle(bearing - bin_bearings(points.shape[1], 8)).abs()
+    is_measured = returns[0] & (off_center > 1e-5)
+    assert is_measured.float().mean() > 0.7
+    world = se2.transform_points(pose.float(), points[0])[is_measured]
+    return (HALF - world.abs()).abs().amin(-1).max()
 
 
 class TestMotionCompensation(TransformContract):
@@ -200,7 +206,10 @@ def test_approached_wall_has_no_gaps():
     ahead = torch.cat([scan[keys.RETURNS][0, :35], scan[keys.RETURNS][0, -35:]])
     assert ahead.all()
     points = scan[keys.POINTS][0][scan[keys.RETURNS][0]]
-    assert (points[:, 0] - 0.1).abs().max() < 1e-3  # filled gaps too
+    assert points[:, 0].max() < 0.1 + 1e-3  # filled gaps too: never behind the wall
+    near = points[:, 1].abs() < 0.3  # farther to the side neighbors are more than 0.4 m apart
+    assert near.sum() > 10
+    assert (points[near, 0] - 0.1).abs().max() < 1e-3
 
 
 def test_points_are_ordered_by_bearing():

@@ -23,7 +23,8 @@ def test_viz_imports_no_simulation_and_no_window():
     ours = {name for name in names if name.startswith("navrl")}
     assert files
     files_alone = {
-        f"navrl.evaluation.{name}" for name in ("recording", "comparison", "statistics", "stored")
+        f"navrl.evaluation.{name}"
+        for name in ("recording", "comparison", "robustness", "statistics", "stored")
     }
     files_alone |= {"navrl.extras", "navrl.files", "navrl.untrusted"}
     assert {n for n in ours if not n.startswith("navrl.viz")} <= files_alone

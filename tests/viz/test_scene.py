@@ -198,6 +198,7 @@ def test_live_scene_draws_each_moment_at_one_size(recording):
             recording,
             **{**dict.fromkeys(OPTIONAL), **series},
             action=recording.action[:steps],
+            requested=None,
             reward_terms={},
             outcome="running",
         )
