@@ -94,6 +94,7 @@ class DifferentialDrive(RobotModel):
         return (self.min_speed, -self.max_turn_rate), (self.max_speed, self.max_turn_rate)
 
     def reachable(self, velocity: Tensor, command: Tensor, duration: float) -> Tensor:
+        """Return the velocity nearest to a command; see :meth:`RobotModel.reachable`."""
         target = self.clip(command)
         if self.model != "wheeled":
             return target

@@ -15,7 +15,7 @@ from navrl.transforms.observation_map import Keys
 
 
 class CommandRateLimit(ActionMap):
-    """Limit a command to the velocities that the base can reach in one step from the last command.
+    """Limit a command to what the base can reach in one step from the last command.
 
     A base with limited acceleration drives the same with the limited command as with the requested
     one, since it cannot follow faster; but the commands are smooth, as drivers expect.
