@@ -29,7 +29,7 @@ def test_command_extends_a_bundle_and_names_errors(tmp_path, capsys):
     assert "policy=" in capsys.readouterr().out
     for words, message in (
         (["nothing", str(tmp_path / "x"), "--steps", "shield"], "policy=nothing: must be"),
-        (["paper", str(tmp_path / "x"), "--steps", "sheild"], "sheild"),
+        (["paper", str(tmp_path / "x"), "--steps", "no_step"], "no_step"),
         (["paper", str(tmp_path / "x"), "--half", "--steps", "shield"], "--half: must not"),
     ):
         with pytest.raises(SystemExit):
