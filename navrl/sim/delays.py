@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from navrl.sim.draws import Uniform, Value, draw, limits, nominal
+from navrl.sim.draws import Uniform, Value, check_not_negative, draw, limits, nominal
 
 _TOLERANCE = 1e-6  # substeps
 
@@ -62,10 +62,7 @@ class Delays:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 <= limits(value)[0] < float("inf"):
-                raise ValueError(f"{field.name}={value}: must be finite and >= 0 s")
+        check_not_negative("finite and >= 0 s", **vars(self))
 
     @property
     def nominal_command_delays_s(self) -> tuple[float, float]:

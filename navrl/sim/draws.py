@@ -139,6 +139,22 @@ def limits(value: Value) -> tuple[float, float]:
     return (value.low, value.high) if isinstance(value, Uniform) else (value, value)
 
 
+def check_not_negative(wanted: str = "finite and not negative", **values: Value) -> None:
+    """Check that fixed values and all drawn ones are finite and at least zero.
+
+    Args:
+        wanted: What is allowed, for the message.
+        **values: Values by name.
+
+    Raises:
+        ValueError: If one is not; the message has its name.
+    """
+    for name, value in values.items():
+        low, high = limits(value)
+        if not 0.0 <= low <= high < math.inf:
+            raise ValueError(f"{name}={value}: must be {wanted}")
+
+
 def nominal(value: Value) -> float:
     """Return a fixed value itself, and the median of a distribution."""
     if not isinstance(value, Uniform):

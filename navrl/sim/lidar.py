@@ -13,7 +13,7 @@ from navrl.ops.raycast import Beams, beam_angles
 from navrl.ops.scan_layout import ScanLayout
 from navrl.sim.beam_errors import BeamErrors
 from navrl.sim.coverage import FULL_CIRCLE, Coverage
-from navrl.sim.draws import Value, draw, limits
+from navrl.sim.draws import Value, check_not_negative, draw, limits
 
 
 class Lidar:
@@ -82,9 +82,7 @@ class Lidar:
         self.max_range = float(max_range)
         self.height = float(height)
         self.noise, self.noise_amplitude, self.noise_per_m = noise, noise_amplitude, noise_per_m
-        for name, value in (("noise_amplitude", noise_amplitude), ("noise_per_m", noise_per_m)):
-            if not (limits(value)[0] >= 0.0 and math.isfinite(limits(value)[1])):
-                raise ValueError(f"{name}={value}: must be finite and not negative")
+        check_not_negative(noise_amplitude=noise_amplitude, noise_per_m=noise_per_m)
         self._is_scaled = limits(noise_amplitude)[0] < limits(noise_amplitude)[1]
         self._is_scaled |= limits(noise_per_m)[1] > 0.0
         self._table = noise_table(noise, 1.0 if self._is_scaled else limits(noise_amplitude)[1])

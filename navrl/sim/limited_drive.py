@@ -222,9 +222,8 @@ class LimitedDrive(DifferentialDrive):
         low, high, row = self._constants_like(velocity)
         pairs = row.unflatten(-1, (WHEELS + 1, 2)).unbind(-2)
         target = torch.clamp(command.to(velocity), low, high)
-        count = max(
-            1, round(duration / _SUBSTEP_S)
-        )  # a velocity that changes sign first decelerates
+        # In substeps, because a velocity that changes its sign decelerates before it accelerates.
+        count = max(1, round(duration / _SUBSTEP_S))
         changes = _changes(duration / count, pairs)
         for _ in range(count):
             velocity = self._accelerated(velocity, target, *changes)

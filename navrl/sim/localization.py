@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops.noise import TABLE_SIZE, noise_table
-from navrl.sim.draws import Uniform, Value, draw, limits
+from navrl.sim.draws import Uniform, Value, check_not_negative, draw, limits
 
 _TWO_PI = 2.0 * math.pi
 
@@ -49,11 +49,7 @@ class Localization:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high = limits(value)
-            if not 0.0 <= low <= high < math.inf:
-                raise ValueError(f"{field.name}={value}: must be finite and not negative")
+        check_not_negative(**vars(self))
 
     @property
     def is_exact(self) -> bool:

@@ -212,7 +212,8 @@ class ActionShield(ActionMap):
             points = points + base.scan_age_s / self.time_step * motion
         velocity = state[0] if state else points.new_zeros(len(points), 2)
         given = torch.stack(list(state[1:]), dim=1) if len(state) > 1 else velocity[:, None]
-        return Scene(points, motion, self._required(points, motion), velocity, given)
+        required = self._required(points, motion)
+        return Scene(points, motion, required, velocity, given, base, self._times(base))
 
     def _known_base(self) -> Base:
         if self.base is None:
@@ -220,9 +221,9 @@ class ActionShield(ActionMap):
         base = self.base if isinstance(self.base, Base) else base_of(self)
         return base.when_commands_apply() if self.ahead else base
 
-    def _times(self) -> list[float]:
+    def _times(self, base: Base) -> list[float]:
         """Return the checked times, s: the horizon, later by the delay of the command."""
-        late = math.ceil(max(self._known_base().command_delays_s) / self.times[0])
+        late = math.ceil(max(base.command_delays_s) / self.times[0])
         return [self.times[0] * (k + 1) for k in range(late)] + [
             self.times[0] * late + time for time in self.times
         ]
@@ -257,9 +258,8 @@ class ActionShield(ActionMap):
         """
         outside = scene.points.norm(dim=-1, keepdim=True) > self.radius
         points = torch.where(outside, scene.points, FAR)  # in contact already
-        times = self._times()
-        step = times[0] / _CONTACT_CHECKS
-        times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(times))]
+        step = scene.times[0] / _CONTACT_CHECKS
+        times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(scene.times))]
         free = self._room(candidates, replace(scene, points=points), times, None) > self.radius
         until = free.cumprod(-1).sum(-1)
         latest = until == until.amax(-1, keepdim=True)
@@ -269,14 +269,14 @@ class ActionShield(ActionMap):
 
     def _spare(self, commands: Tensor, scene: Scene) -> Tensor:
         """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
-        return self._room(commands, scene, self._times(), scene.required).amin(-1)
+        return self._room(commands, scene, scene.times, scene.required).amin(-1)
 
     def _room(
-        self, commands: Tensor, scene: Scene, times: list[float], required: Tensor | None
+        self, commands: Tensor, scene: Scene, times: Sequence[float], required: Tensor | None
     ) -> Tensor:
         """Return the distance to the nearest point at each of T times, ``[N, S, T]`` m."""
-        base = self._known_base()
-        places = base.places(commands, scene.velocity, scene.given, times, self.time_step)
+        motion = (scene.velocity, scene.given, times, self.time_step)
+        places = scene.base.places(commands, *motion)
         steps = [time / self.time_step for time in times]
         return room_along(places, scene.points, scene.motion, steps, required)
 

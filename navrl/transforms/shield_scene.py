@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from torch import Tensor
+
+from navrl.transforms.base_motion import Base
 
 
 @dataclass
@@ -17,6 +20,8 @@ class Scene:
         required: ``[N, P]`` m, required distance from the robot's center.
         velocity: ``[N, 2]`` (v, w), m/s and rad/s.
         given: ``[N, D, 2]``, commands of the last D steps, latest first.
+        base: The base of all worlds.
+        times: Times at which commands are checked, s.
     """
 
     points: Tensor
@@ -24,7 +29,10 @@ class Scene:
     required: Tensor
     velocity: Tensor
     given: Tensor
+    base: Base
+    times: Sequence[float]
 
     def __getitem__(self, rows: Tensor) -> Scene:
         """Return the selected worlds."""
-        return Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
+        names = ("points", "motion", "required", "velocity", "given")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
