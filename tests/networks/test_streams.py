@@ -213,6 +213,15 @@ def test_bad_sizes_are_named(change, message):
         ConvStream(**{"in_keys": ["ranges_pooled_scaled"], **LIANG, **change}, shapes=shapes(180))
 
 
+def test_vectors_of_several_keys_are_concatenated_in_order():
+    sizes = {"velocity": [2], "waypoints": [3, 2]}
+    stream = VectorStream(["velocity", "waypoints"], sizes, [8])
+    assert stream.in_keys == ["velocity", "waypoints"]
+    velocity, waypoints = torch.randn(4, 2), torch.randn(4, 3, 2)
+    expected = stream.mlp(torch.cat([velocity, waypoints.flatten(1)], dim=-1))
+    assert torch.equal(stream(velocity, waypoints)[0], expected)
+
+
 def test_missing_vector_is_named():
     with pytest.raises(ValueError, match="'sonar' is not observed"):
         VectorStream("sonar", shapes(180), [8])

@@ -56,6 +56,16 @@ def test_prediction_equals_that_of_a_restored_state(kind):
         assert torch.equal(value, other)
 
 
+def test_commands_under_way_apply_from_their_own_substep():
+    simulator = started(BatchedSimulator, Delays(command_delay_s=0.3), DifferentialDrive())
+    drive(simulator, [(0.2, 0.0), (0.2, 0.0), (1.0, 0.0)])
+    frames, velocity = simulator.motion_ahead()
+    # The last command takes effect in 0.1 s, one given now in 0.3 s.
+    expected = torch.full((3,), 0.1 * 0.2 + 0.2 * 1.0, dtype=torch.float64)
+    torch.testing.assert_close(frames[:, 0], expected, atol=1e-7, rtol=0)
+    assert velocity[:, 0].tolist() == [1.0] * 3
+
+
 def test_without_delays_it_is_the_present():
     simulator = started(BatchedSimulator, None, DifferentialDrive())
     state = drive(simulator)

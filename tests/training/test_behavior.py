@@ -7,8 +7,10 @@ from torchrl.envs import Compose
 
 from navrl import keys
 from navrl.algos import GaussianExploration
+from navrl.config import compose, instantiate
 from navrl.envs import NavigationEnv
 from navrl.factory import make_env
+from navrl.policies import ZOO, load_actor, load_bundle
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
 from navrl.training import Behavior
 from navrl.training.collectors import DirectCollector, Phases
@@ -50,6 +52,14 @@ def test_guide_reads_its_last_action_not_the_actors_next(random_frames):
         torch.testing.assert_close(seen, torch.full((GUIDED, 2), 0.25 + 0.01 * step))
     if not random_frames:
         assert carrier[keys.ACTION][GUIDED:].tolist() == [[0.5, 0.5]] * (WORLDS - GUIDED)
+
+
+def test_trained_policy_guides_by_its_own_observations():
+    cfg = compose("train", ["behavior=guided_by_policy", "experiment=navrl-best"])
+    guide = instantiate(cfg.behavior.guide)
+    assert guide.in_keys == load_bundle(ZOO / "navrl-best").actor.in_keys
+    with pytest.raises(ValueError, match="policy=nobody: must be a bundle or one of"):
+        load_actor("nobody")
 
 
 def test_guide_reads_no_action_of_the_episode_before():

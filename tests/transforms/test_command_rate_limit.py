@@ -59,8 +59,8 @@ def test_base_drives_the_same_with_limited_commands(robot):
 
 def test_limit_changes_a_command_after_the_shield():
     steps = {
-        "rate_limit": CommandRateLimit(base=Base(KOBUKI)),
         "action_shield": ActionShield(),
+        "rate_limit": CommandRateLimit(base=Base(KOBUKI)),
         "subgoal": SubgoalAction(),
         "normalize": Normalize(in_keys=["points"], out_keys=["spatial"]),
     }

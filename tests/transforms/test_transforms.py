@@ -560,6 +560,14 @@ class TestNormalize(TransformContract):
 
 
 class TestCompose:
+    def test_normalize_scales_each_component(self):
+        normalize = Normalize(scale=[0.5, 2.0], in_keys=["velocity"], out_keys=["scaled"])
+        assert normalize(velocity=torch.tensor([[1.0, 1.0]])).tolist() == [[2.0, 0.5]]
+        with pytest.raises(ValueError, match=r"scale=\[0.5, 2.0\]: must be one number for each"):
+            normalize(velocity=torch.ones(1, 3))
+        with pytest.raises(ValueError, match=r"scale=\[1.0, 0.0\]: must be positive"):
+            Normalize(scale=[1.0, 0.0])
+
     def test_compose_keeps_order_and_drops_null(self):
         chain = compose(pool=MinPool(), history=None, last=Normalize())
         assert [type(step) for step in chain] == [MinPool, Normalize]
