@@ -140,3 +140,15 @@ def test_running_mean_behind_perception_has_no_zero_rows():
     mean = mean_of_observed(env, recorder, "ranges_pooled")
     loc = env.transform[-1].loc["ranges_pooled"]
     torch.testing.assert_close(loc.mean(), mean, rtol=0.02, atol=0.0)
+
+
+@pytest.mark.parametrize("simulator", ["batched", "bullet"])
+def test_command_and_velocity_are_those_of_the_episode(simulator):
+    env = make(simulator)
+    td = driven(env)
+    for key in ("command", "velocity"):
+        torch.testing.assert_close(td[key], torch.tensor([[0.8, 0.3]]).expand(NUM_WORLDS, 2))
+    td, kept = reset_some(env, td)
+    for key in ("command", "velocity", "velocity_ahead"):
+        assert td[key][kept].abs().min() > 0.0
+        assert not td[key][~kept].any()
