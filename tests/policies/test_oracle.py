@@ -118,6 +118,16 @@ def test_the_step_limit_is_part_of_the_plan():
     assert not bool(oracle(time_limit_steps=need - 1).prepare(batch))
 
 
+@pytest.mark.parametrize("robot", [DifferentialDrive(max_speed=0.22), LimitedDrive(speed_cap=0.22)])
+def test_goal_that_is_just_in_time_for_a_slow_robot_is_found(robot):
+    """Its path on the grid of cells is the longest compared with the straight one."""
+    yaw = math.pi / 8
+    goal = (3.1 * math.cos(yaw), 3.1 * math.sin(yaw))
+    need = math.ceil((3.1 - 0.2) / (0.22 * 0.2)) + 5  # poses that share a cell cost a few
+    policy = oracle(robot=robot, time_limit_steps=need)
+    assert bool(policy.prepare(ScenarioBatch.pack([scene(yaw=yaw, goal=goal)])))
+
+
 def test_equal_scenarios_share_a_plan_in_any_batch():
     scenes = [SCENES["somebody comes"], SCENES["a door"], SCENES["somebody comes"]]
     batch, policy = ScenarioBatch.pack(scenes), oracle()

@@ -21,7 +21,25 @@ import math
 import numpy as np
 
 from navrl.ops.kernels.compiler import kernel, scalar
-from navrl.ops.kernels.space_time import EXHAUSTED, FOUND, NODE_LIMIT, grown, is_free
+from navrl.ops.kernels.space_time import (
+    EXHAUSTED,
+    FOUND,
+    NODE_LIMIT,
+    grown,
+    is_free,
+    is_too_late,
+)
+
+
+@scalar
+def _longest_step(offsets: np.ndarray) -> float:
+    """Return the longest displacement of the maneuvers [V, A, U, 3], m."""
+    longest = 0.0
+    for velocity in range(offsets.shape[0]):
+        for maneuver in range(offsets.shape[1]):
+            along, across, _ = offsets[velocity, maneuver, offsets.shape[2] - 1]
+            longest = max(longest, math.hypot(along, across))
+    return longest
 
 
 @scalar
@@ -45,6 +63,7 @@ def search_maneuvers(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Search a trajectory, write its maneuvers to ``plan``, return (code, steps, nodes)."""
     substeps, count_x, count_y = offsets.shape[2], clearance.shape[0], clearance.shape[1]
+    slack = (goal_radius + 1.5 * cell) / _longest_step(offsets)
     size = 1024
     while size < 2 * max_nodes:
         size *= 2
@@ -79,8 +98,8 @@ def search_maneuvers(
             if i < 0 or j < 0 or i >= count_x or j >= count_y:
                 continue
             left = steps_to_go[i, j]
-            if step + 1 + left > max_steps + 4.0:
-                continue  # 4 steps of slack: octile path lengths are up to 8 % too long
+            if is_too_late(step + 1, left, slack, max_steps):
+                continue
             free = True
             for sub in range(substeps):
                 along, across, _ = offsets[velocity, maneuver, sub]

@@ -62,6 +62,17 @@ def grown(array):
 
 
 @scalar
+def is_too_late(step: int, steps_to_go: float, slack: float, max_steps: int) -> bool:
+    """Return whether the goal cannot be reached within ``max_steps`` from a node.
+
+    ``steps_to_go`` measures paths on a grid of 8 neighbors, which are longer than the shortest by a
+    factor of up to 1 / cos(22.5 degrees), from centers of cells to the middle of the goal;
+    ``slack`` is the distance between those and the true ends, in steps.
+    """
+    return step + 0.9238 * steps_to_go - slack > max_steps
+
+
+@scalar
 def search(
     start, goal, walls, num_walls, people, origin, clearance, steps_to_go,
     primitives, offsets, bins, reach, goal_radius, cell, heuristic_weight, max_steps, max_nodes,
@@ -69,6 +80,8 @@ def search(
 ):  # fmt: skip
     """Search a trajectory, write its primitives to ``plan``, return (code, steps, nodes)."""
     substeps = offsets.shape[1]
+    longest_step = np.max(np.abs(offsets[:, substeps - 1, 0]))  # of a straight move
+    slack = (goal_radius + 1.5 * cell) / longest_step
     seen = np.zeros((max_steps + 1, *clearance.shape, bins), np.bool_)
     cos = np.cos(start[2] + np.arange(bins) * (2.0 * math.pi / bins))
     sin = np.sin(start[2] + np.arange(bins) * (2.0 * math.pi / bins))
@@ -99,8 +112,8 @@ def search(
                 continue
             turned = (heading + int(primitives[primitive, 1])) % bins
             left = steps_to_go[i, j]
-            if step + 1 + left > max_steps + 4.0 or seen[step + 1, i, j, turned]:
-                continue  # 4 steps of slack: octile path lengths are up to 8 % too long
+            if is_too_late(step + 1, left, slack, max_steps) or seen[step + 1, i, j, turned]:
+                continue
             free = True
             for sub in range(substeps):
                 along, across = offsets[primitive, sub]

@@ -82,7 +82,8 @@ class Oracle(Controller):
         speeds: Speeds of a step as fractions of the maximum; 0 waits or turns in place.
         turns: Left turns of a step as fractions of the maximum, multiples of the first one; right
             turns and straight motion are added.
-        cell: Size of a cell, m; only the first pose per cell, heading and step is expanded.
+        cell: Largest size of a cell, m, at most the longest step; only the first pose per cell,
+            heading and step is expanded.
         efforts: Attempts in order, until one finds a plan.
         delays: Delays of the commands; ``None`` for none.
 
@@ -205,9 +206,9 @@ class Oracle(Controller):
         reach = self.robot.radius + effort.margin
         ticks = torch.arange(limit * self.substeps + 1) * (self.time_step_s / self.substeps)
         ticks = ticks + max(self._delays_s)  # the plan begins when commands take effect
-        maps = space_time_maps(
-            scenarios, ticks.double(), reach, self.cell, self._top_speed * self.time_step_s
-        )
+        step_length = self._top_speed * self.time_step_s
+        cell = min(self.cell, step_length)  # else slow moves end in the cell of their start
+        maps = space_time_maps(scenarios, ticks.double(), reach, cell, step_length)
         plan = torch.full((count, limit), stay)
         code, steps, nodes = (torch.zeros(count, dtype=torch.int64) for _ in range(3))
         search, moves = plan_kernel, (self._primitives.numpy(), self._offsets().numpy())
@@ -221,7 +222,7 @@ class Oracle(Controller):
             self._bins,
             reach,
             self.goal_radius - min(effort.margin, 0.1 * self.goal_radius),
-            self.cell,
+            cell,
             effort.heuristic_weight,
             effort.max_nodes,
             plan.numpy(),
