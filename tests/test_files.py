@@ -33,7 +33,7 @@ def full_disk(monkeypatch):
 
 def write_with_torch(file):
     with files.replacing(file) as stream:
-        torch.save({"weights": torch.zeros(1000)}, stream)
+        torch.save({"weights": torch.zeros(100_000)}, stream)  # more than a buffer
 
 
 def write_with_numpy(file):
