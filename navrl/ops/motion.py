@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from navrl.deprecation import renamed_arguments
+from navrl.ops.returns import finite_returns
 
 FAR = 100.0
 """Coordinate assigned to points that are not obstacles, m."""
@@ -91,6 +92,66 @@ def point_motion(
     nearest, group = gap.min(dim=-1, keepdim=True)
     carried = motion.gather(1, group.expand(*group.shape[:-1], 2))
     return torch.where(nearest <= group_radius, carried, 0.0)
+
+
+def moving_points(
+    points: Tensor,
+    returns: Tensor,
+    tagd: Tensor,
+    valid: Tensor,
+    *,
+    speed_range: tuple[float, float],
+    time_step: float,
+    group_radius: float,
+) -> tuple[Tensor, Tensor]:
+    """Return the obstacles of a scan and their predicted displacement in one step.
+
+    Args:
+        points: ``[N, P, 2]`` m, robot frame.
+        returns: ``[N, P]`` bool, the point is a return.
+        tagd: ``[N, G, 4]`` m, descriptors.
+        valid: ``[N, G, 2]`` bool, validity of their halves.
+        speed_range: Speeds of descriptors that move, m/s; see :func:`check_descriptor_speeds`.
+        time_step: Time between two scans, s.
+        group_radius: See :func:`point_motion`.
+
+    Returns:
+        Points ``[N, P, 2]`` m, :data:`FAR` for those that are no finite return, and their motion
+        ``[N, P, 2]`` m per step.
+
+    Example:
+        >>> points, nothing = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[False]])
+        >>> nobody = torch.zeros(1, 1, 4), torch.zeros(1, 1, 2, dtype=torch.bool)
+        >>> limits = {"speed_range": (0.3, 1.5), "time_step": 0.2, "group_radius": 0.3}
+        >>> moving_points(points, nothing, *nobody, **limits)[0].tolist()
+        [[[100.0, 100.0]]]
+    """
+    returns = finite_returns(points, returns)
+    points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
+    smallest, largest = (speed * time_step for speed in speed_range)
+    motion = point_motion(
+        points,
+        tagd.float(),
+        valid,
+        min_displacement=smallest,
+        max_displacement=largest,
+        group_radius=group_radius,
+    )
+    return points, motion
+
+
+def check_descriptor_speeds(least: float, most: float) -> tuple[float, float]:
+    """Return the range of speeds of moving descriptors, m/s.
+
+    Raises:
+        ValueError: If the range is empty or not positive.
+    """
+    if not 0.0 < least < most:
+        raise ValueError(
+            f"min_descriptor_speed={least}, max_descriptor_speed={most}: "
+            "must be 0 < min_descriptor_speed < max_descriptor_speed"
+        )
+    return least, most
 
 
 def room_along(

@@ -16,7 +16,9 @@ from navrl.transforms.normalize import Normalize
 from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
 from navrl.transforms.range_history import RangeHistory
+from navrl.transforms.recovery import Recovery
 from navrl.transforms.scan_history import ScanHistory
+from navrl.transforms.stall_timer import StallTimer
 from navrl.transforms.subgoal_action import SubgoalAction
 from navrl.transforms.tagd import TAGD
 from navrl.transforms.waypoints import Waypoints
@@ -34,7 +36,9 @@ __all__ = [
     "Normalize",
     "ObservationMap",
     "RangeHistory",
+    "Recovery",
     "ScanHistory",
+    "StallTimer",
     "SubgoalAction",
     "Waypoints",
     "compose",

@@ -14,8 +14,13 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
-from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
-from navrl.ops.returns import finite_returns
+from navrl.ops.motion import (
+    FAR,
+    check_descriptor_speeds,
+    moving_points,
+    room_along,
+    sample_commands,
+)
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.base_motion import IDEAL, Base, base_of
 from navrl.transforms.observation_map import Keys, nested_keys
@@ -140,15 +145,9 @@ class ActionShield(ActionMap):
                 f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
                 "must satisfy min_speed < max_speed"
             )
-        if not 0.0 < min_descriptor_speed < max_descriptor_speed:
-            raise ValueError(
-                f"min_descriptor_speed={min_descriptor_speed}, "
-                f"max_descriptor_speed={max_descriptor_speed}: "
-                "must satisfy 0 < min_descriptor_speed < max_descriptor_speed"
-            )
         count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
-        self.speed_range = (min_descriptor_speed, max_descriptor_speed)
+        self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
         self.times = [horizon * (k + 1) / count for k in range(count)]
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
@@ -196,15 +195,13 @@ class ActionShield(ActionMap):
         valid: Tensor,
         state: Sequence[Tensor],
     ) -> Scene:
-        returns = finite_returns(points, returns)
-        points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
-        smallest, largest = (speed * self.time_step for speed in self.speed_range)
-        motion = point_motion(
+        points, motion = moving_points(
             points,
-            tagd.float(),
+            returns,
+            tagd,
             valid,
-            min_displacement=smallest,
-            max_displacement=largest,
+            speed_range=self.speed_range,
+            time_step=self.time_step,
             group_radius=self.group_radius,
         )
         base = self._known_base()

@@ -9,8 +9,8 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
-from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
-from navrl.ops.unicycle import advance_poses
+from navrl.ops.dynamic_window import score_commands
+from navrl.ops.motion import FAR, check_descriptor_speeds, moving_points, sample_commands
 from navrl.policies.classical.commands import last_command, normalized_action
 from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
@@ -80,12 +80,6 @@ class DynamicWindow(Controller):
                 f"margin={margin}, clearance_weight={clearance_weight}, "
                 f"path_weight={path_weight}: must be >= 0"
             )
-        if not 0 < min_descriptor_speed < max_descriptor_speed:
-            raise ValueError(
-                f"min_descriptor_speed={min_descriptor_speed}, "
-                f"max_descriptor_speed={max_descriptor_speed}: "
-                "must be 0 < min_descriptor_speed < max_descriptor_speed"
-            )
         tagd = [keys.TAGD, keys.TAGD_VALID] if predict_motion else []
         self.in_keys = [keys.POINTS, keys.RETURNS, keys.WAYPOINTS, *tagd]
         self.out_keys = [keys.ACTION]
@@ -93,7 +87,7 @@ class DynamicWindow(Controller):
         self.time_step_s, self.horizon_steps = time_step_s, horizon_steps
         self.margin, self.clearance = margin, clearance
         self.clearance_weight, self.path_weight = clearance_weight, path_weight
-        self.speed_range = (min_descriptor_speed, max_descriptor_speed)
+        self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
         self._samples = sample_commands(
             robot.min_speed, robot.max_speed, robot.max_turn_rate, num_speeds, num_turn_rates
@@ -106,12 +100,20 @@ class DynamicWindow(Controller):
             tensordict.get(key).flatten(0, len(batch) - 1) if batch else tensordict.get(key)[None]
             for key in self.in_keys
         )
-        points = torch.where(returns.unsqueeze(-1), points, FAR)
-        velocity = self._point_velocity(points, *tagd) if tagd else torch.zeros_like(points)
+        if tagd:
+            points, velocity = moving_points(
+                points,
+                returns,
+                *tagd,
+                speed_range=self.speed_range,
+                time_step=self.time_step_s,
+                group_radius=self.group_radius,
+            )
+        else:
+            points = torch.where(returns.unsqueeze(-1), points, FAR)
+            velocity = torch.zeros_like(points)
         samples = self._window(last_command(self.robot, tensordict).reshape(-1, 1, 2))
-        arcs = self._arcs(samples)
-        room = self._room(arcs, points, velocity)
-        best = self._score(arcs, room, waypoints).argmax(-1)
+        best = self._score(samples, points, velocity, waypoints).argmax(-1)
         command = samples[torch.arange(len(points), device=points.device), best]
         action = normalized_action(self.robot, command)
         return tensordict.set(keys.ACTION, action.reshape(*batch, 2))
@@ -125,38 +127,20 @@ class DynamicWindow(Controller):
         reach = driven.new_tensor([change, 2 * change / self.robot.wheel_separation])
         return torch.minimum(torch.maximum(samples, driven - reach), driven + reach)
 
-    def _arcs(self, samples: Tensor) -> Tensor:
-        """Return ``[N, S, T, 2]`` m, positions in the robot frame after each step."""
-        time_s = torch.arange(1, self.horizon_steps + 1, device=samples.device) * self.time_step_s
-        driven = samples.unsqueeze(-2) * time_s.unsqueeze(-1)  # m and rad from now
-        return advance_poses(torch.zeros(3, device=samples.device), driven, 1.0)[..., :2]
-
-    def _point_velocity(self, points: Tensor, tagd: Tensor, valid: Tensor) -> Tensor:
-        """Return the velocity of points, ``[N, P, 2]`` m per step; zero for static ones."""
-        smallest, largest = (speed * self.time_step_s for speed in self.speed_range)
-        return point_motion(
+    def _score(
+        self, samples: Tensor, points: Tensor, velocity: Tensor, waypoints: Tensor
+    ) -> Tensor:
+        """Return the score of each command ``[N, S]``; larger is better."""
+        return score_commands(
+            samples,
             points,
-            tagd,
-            valid,
-            min_displacement=smallest,
-            max_displacement=largest,
-            group_radius=self.group_radius,
+            velocity,
+            waypoints,
+            radius=self.robot.radius,
+            time_step=self.time_step_s,
+            horizon_steps=self.horizon_steps,
+            margin=self.margin,
+            clearance=self.clearance,
+            clearance_weight=self.clearance_weight,
+            path_weight=self.path_weight,
         )
-
-    def _room(self, arcs: Tensor, points: Tensor, velocity: Tensor) -> Tensor:
-        """Return ``[N, S, T]`` m from the hull to the nearest point at each step."""
-        steps = range(1, self.horizon_steps + 1)
-        return room_along(arcs, points, velocity, steps) - self.robot.radius
-
-    def _score(self, arcs: Tensor, room: Tensor, waypoints: Tensor) -> Tensor:
-        """Return the score of each arc ``[N, S]``; larger is better."""
-        clear = (room > self.margin).cumprod(-1)  # until the first touch
-        to_goal = (arcs - waypoints[:, None, -1:]).norm(dim=-1).amin(-1)
-        off_path = torch.cdist(arcs[:, :, -1], waypoints).amin(-1)
-        score = (
-            self.clearance_weight * room.amin(-1).clamp_max(self.clearance)
-            - to_goal
-            - self.path_weight * off_path
-        )
-        # Arcs with a contact rank behind all others, ordered by the time of contact.
-        return torch.where(clear[..., -1] > 0, score, clear.sum(-1) - 1e3 + room[..., 0])
