@@ -19,9 +19,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     steps = given.pop("steps")
     try:
         if steps:
-            half = given.pop("half")
-            if half:
-                raise ValueError("--half: must not be used with --steps")
+            for name in ("half", "last"):
+                if given.pop(name):
+                    raise ValueError(f"--{name}: must not be used with --steps")
             folder = publish_extended(given.pop("run"), given.pop("out"), steps, **given)
         else:
             folder = publish(**given)
@@ -58,6 +58,9 @@ def make_parser() -> CommandParser:
     parser.add_argument("--about", default="", help="a sentence that describes the policy")
     parser.add_argument(
         "--half", action="store_true", help="store weights as float16, in half the space"
+    )
+    parser.add_argument(
+        "--last", action="store_true", help="the policy of the last validation, not the best one"
     )
     return parser
 

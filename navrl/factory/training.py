@@ -98,7 +98,8 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
 
     Args:
         cfg: A composed ``conf/train.yaml``.
-        folder: Run folder; ``<folder>/policy`` receives the best policy so far.
+        folder: Run folder; ``<folder>/policy`` receives the best policy so far, and
+            ``<folder>/policy_last`` that of the last validation.
 
     Returns:
         Trainer that can run, or resume from the folder's checkpoint.
@@ -112,6 +113,7 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
     actor, critic = make_agent(cfg, shapes)
     if cfg.get("warm_start") and not is_resumed(folder):
         start_actor(cfg, actor)
+    save = partial(save_policy, cfg, actor, shapes)
     algorithm = instantiate(cfg.algorithm, actor=actor, critic=critic)
     check_protocol("algorithm", algorithm, Algorithm)
     if cfg.get("warm_start") and not is_resumed(folder):
@@ -123,11 +125,12 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
         replay=instantiate(cfg.replay, observation_keys=actor.in_keys),
         curriculum=instantiate(cfg.curriculum),
         evaluate=Validation(cfg, actor),
-        on_best=lambda metrics: save_policy(cfg, actor, shapes, folder / "policy", metrics),
+        on_best=partial(save, folder / "policy"),
         schedule=instantiate(cfg.schedule),
         folder=folder,
         progress_bar=cfg.progress_bar,
         saved_best=partial(saved_metrics, folder / "policy"),
+        on_evaluated=partial(save, folder / "policy_last"),
     )
 
 

@@ -27,6 +27,8 @@ _CURVE_COLUMNS = {
     "evaluation/collision_static_rate": "into a wall",
     "evaluation/timeout_rate": "timeout",
 }
+_LAST = "policy_last"  # folder in that of a run
+_BEST = "the best of the highest curriculum level on the validation episodes."
 _SHOWN = 10  # maximum rows of the curve in the card
 _IGNORED_OVERRIDES = ("hydra.", "resume=", "progress_bar=")
 
@@ -37,8 +39,9 @@ def publish(
     evaluations: Sequence[str | Path] = (),
     about: str = "",
     half: bool = False,
+    last: bool = False,
 ) -> Path:
-    """Write a bundle of a run's best policy and a model card with scores and provenance.
+    """Write a bundle of a run's best or last policy and a model card with scores and provenance.
 
     Args:
         run: Folder of ``navrl-train``.
@@ -47,6 +50,8 @@ def publish(
         about: A sentence that describes the policy.
         half: Whether weights are stored as float16, in half the space. Then evaluate this bundle
             instead of the run.
+        last: Whether the policy is that of the last validation instead of the best one; rates that
+            fall to zero at the end often make it the better one.
 
     Returns:
         ``out``, with the bundle's files and the learning curve in ``curve.csv``.
@@ -58,17 +63,18 @@ def publish(
             of an existing bundle in ``out``, or the policy's metrics lack the duration of training.
     """
     run, out = Path(run), Path(out)
-    bundle = load_bundle(run / "policy")
+    policy = run / (_LAST if last else "policy")
+    bundle = load_bundle(policy)
     curve = _read_curve(run / "metrics.csv")
     config = {name: value for name, value in bundle.config.items() if name != "format"}
     found = find_evaluations(evaluations) if evaluations else []
-    _check_policy(found, [folder for folder in (run / "policy", out) if bundle_folder(str(folder))])
+    _check_policy(found, [folder for folder in (policy, out) if bundle_folder(str(folder))])
     actor = bundle.actor.half() if half else bundle.actor
     count = sum(weight.numel() for weight in actor.parameters())
     parts = [
         f"# {out.name}",
         f"{about} {count:,} parameters an actor.".strip(),
-        _origin(run, bundle.metrics),
+        _origin(run, policy, bundle.metrics),
         _scores(found),
         _curve_table(curve),
     ]
@@ -152,7 +158,7 @@ def _read_curve(file: Path) -> list[dict[str, str]]:
     return curve
 
 
-def _origin(run: Path, metrics: dict) -> str:
+def _origin(run: Path, policy: Path, metrics: dict) -> str:
     remedy = "restore it, or write [] into it and the command into the card"
     overrides = map(str, read_yaml(run / ".hydra" / "overrides.yaml", remedy, list))
     words = [word for word in overrides if not word.startswith(_IGNORED_OVERRIDES)]
@@ -160,13 +166,13 @@ def _origin(run: Path, metrics: dict) -> str:
     parts = "; ".join(map(markdown_text, recorded_origins(run))) or "origin not recorded"
     missing = [n for n in ("seconds", "updates", "frames") if not is_number(metrics.get(n), 0)]
     if missing:
-        raise ValueError(f"{run / 'policy' / 'metrics.json'}: {missing} missing or no numbers")
+        raise ValueError(f"{policy / 'metrics.json'}: {missing} missing or no numbers")
     minutes = metrics["seconds"] / 60
     return (
         f"Trained by\n\n```\n{command}\n```\n\n"
         f"({parts}) in {minutes:.0f} minutes, {metrics['updates']:,.0f} updates and "
-        f"{metrics['frames']:,.0f} environment steps to this checkpoint, the best of the highest "
-        "curriculum level on the validation episodes."
+        f"{metrics['frames']:,.0f} environment steps to this checkpoint, "
+        + ("the last." if policy.name == _LAST else _BEST)
     )
 
 

@@ -52,6 +52,7 @@ class Trainer:
         progress_bar: Whether to show a progress bar.
         saved_best: Returns the metrics of the last policy saved by ``on_best``, ``None`` without
             one. A resumed run reads it, because that policy may be newer than the checkpoint.
+        on_evaluated: Called with the metrics of every evaluation, before ``on_best``.
 
     Reference:
         Paper Sec. V-A: regular evaluation; the best checkpoint of the highest level is saved.
@@ -70,12 +71,13 @@ class Trainer:
         folder: Path,
         progress_bar: bool = True,
         saved_best: SavedBest | None = None,
+        on_evaluated: OnBest | None = None,
     ) -> None:
         self.collector, self.sigma = collector, sigma
         self.algorithm, self.replay = algorithm, replay
         self.curriculum, self.evaluate, self.on_best = curriculum, evaluate, on_best
         self.schedule, self.folder, self.progress_bar = schedule, Path(folder), progress_bar
-        self.saved_best = saved_best
+        self.saved_best, self.on_evaluated = saved_best, on_evaluated
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
         self._window = Window()
@@ -246,10 +248,13 @@ class Trainer:
         row["seconds/evaluation"] = time.monotonic() - start
         self._log.log(progress.frames, progress.updates, row)
         progress.evaluated_frames, progress.evaluated_updates = progress.frames, progress.updates
+        done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
+        scored = {**metrics, **done, "curriculum_level": level}
+        if self.on_evaluated is not None:
+            self.on_evaluated(scored)
         if (level, rate) > (progress.best_level, progress.best_success_rate):
             progress.best_level, progress.best_success_rate = level, rate
-            done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
-            self.on_best({**metrics, **done, "curriculum_level": level})
+            self.on_best(scored)
         if self.curriculum.report(rate):
             self.collector.set_max_dynamic(self.curriculum.max_dynamic)
 

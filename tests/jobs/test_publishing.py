@@ -81,6 +81,21 @@ def test_published_weights_equal_the_runs(run, tmp_path):
     assert "Scores" not in (out / "card.md").read_text()
 
 
+def test_policy_of_the_last_validation_is_published(run, tmp_path):
+    shutil.copytree(ZOO / "no_tagd", run / "policy_last")
+    out = tmp_path / "mine"
+    main([str(run), str(out), "--last"])
+    assert load_bundle(out).config == load_bundle(run / "policy_last").config
+    assert "environment steps to this checkpoint, the last." in (out / "card.md").read_text()
+
+
+@pytest.mark.parametrize("option", ["--last", "--half"])
+def test_options_of_runs_are_rejected_for_bundles(option, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["paper", str(tmp_path / "out"), "--steps", "shield", option])
+    assert f"{option}: must not be used with --steps" in capsys.readouterr().err
+
+
 def test_half_precision_weights_are_rounded_once(run, tmp_path):
     out = tmp_path / "mine"
     main([str(run), str(out), "--half"])

@@ -14,6 +14,7 @@ import torch
 from runs import TINY, tiny_trainer
 
 from navrl import keys
+from navrl.policies import load_bundle
 from navrl.training import CheckpointError, TrainingStoppedError
 
 RUN = [
@@ -142,6 +143,19 @@ def test_only_a_better_policy_is_saved(tmp_path):
     trainer, saved = rated(tmp_path, [0.25, 0.25, 0.5])
     trainer.run()
     assert saved == [0.25, 0.5]
+
+
+def test_policy_of_the_last_validation_is_kept(tmp_path):
+    trainer, saved = rated(tmp_path, [0.25, 0.5, 0.375])
+    trainer.run()
+    metrics = json.loads((tmp_path / "policy_last" / "metrics.json").read_text())
+    assert saved == [0.25, 0.5] and metrics["success_rate"] == 0.375
+    assert metrics["updates"] == trainer.progress.updates
+    last = load_bundle(tmp_path / "policy_last").actor.state_dict()
+    trained = trainer.algorithm.state_dict()["loss"]
+    for name, value in last.items():
+        weights = [w for key, w in trained.items() if key == f"actor_network_params.{name}"]
+        assert len(weights) == 1 and torch.equal(weights[0], value), name
 
 
 def test_resume_keeps_the_best_policy(tmp_path):
