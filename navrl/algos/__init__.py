@@ -5,10 +5,12 @@ from navrl.algos.ddpg import DDPG
 from navrl.algos.exploration import CorrelatedExploration, GaussianExploration
 from navrl.algos.precision import Precision
 from navrl.algos.protocols import Algorithm, Exploration, NonFiniteUpdateError
+from navrl.algos.sac import SAC
 from navrl.algos.td3 import TD3
 
 __all__ = [
     "DDPG",
+    "SAC",
     "TD3",
     "ActionSmoothness",
     "Algorithm",

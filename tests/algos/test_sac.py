@@ -1,0 +1,94 @@
+"""SAC's losses are those of TorchRL, and its state continues bit for bit."""
+
+import pytest
+import torch
+from learners import ENCODER, SHAPES, batch
+
+from navrl.algos import SAC, NonFiniteUpdateError
+from navrl.algos.protocols import Algorithm, check_protocol
+from navrl.algos.sac import Spread
+from navrl.networks import make_actor, make_critic
+
+
+def agent(**options):
+    torch.manual_seed(0)
+    return SAC(make_actor(ENCODER, SHAPES), make_critic(ENCODER, SHAPES), **options)
+
+
+def weights(sac):
+    return {name: value.clone() for name, value in sac.loss.state_dict().items()}
+
+
+def test_has_the_members_of_an_algorithm():
+    check_protocol("algorithm", agent(), Algorithm)
+
+
+def test_mean_of_the_distribution_is_the_action():
+    spread = Spread(2, log_std=-1.0)
+    mean, deviation = spread(torch.tensor([[0.5, -0.25]]))
+    torch.testing.assert_close(mean.tanh(), torch.tensor([[0.5, -0.25]]))
+    assert deviation.tolist() == [pytest.approx([0.36788, 0.36788], abs=1e-5)]
+    assert spread(torch.ones(1, 2))[0].isfinite().all()
+
+
+def test_temperature_falls_while_the_entropy_is_above_its_target():
+    sac, data = agent(), batch()
+    before = sac.loss.log_alpha.item()
+    scalars = sac.update(data)
+    assert (scalars["entropy"] > -2.0) == (sac.loss.log_alpha.item() < before)
+
+
+def test_update_trains_actor_critics_and_targets():
+    sac, data = agent(), batch()
+    actor = {name: value.clone() for name, value in sac.actor.state_dict().items()}
+    before = weights(sac)
+    sac.update(data)
+    after = weights(sac)
+    assert any(not torch.equal(actor[name], v) for name, v in sac.actor.state_dict().items())
+    for part in ("qvalue_network_params", "target_qvalue_network_params", "log_alpha"):
+        names = [name for name in before if name.startswith(part)]
+        assert names and any(not torch.equal(before[name], after[name]) for name in names), part
+
+
+def test_restored_state_continues_bit_for_bit():
+    sac, other = agent(), agent(learning_rate=1e-3)
+    sac.update(batch())
+    other.load_state_dict(sac.state_dict())
+    data = batch()
+    for one in (sac, other):
+        torch.manual_seed(5)
+        one.update(data.clone())
+    for name, value in sac.loss.state_dict().items():
+        assert torch.equal(value, other.loss.state_dict()[name]), name
+
+
+def test_several_batches_return_sums():
+    torch.manual_seed(1)
+    batches = torch.stack([batch(), batch()])
+    one, both = agent(), agent()
+    torch.manual_seed(2)
+    expected = sum(one.update(data)["loss_qvalue"] for data in batches.clone().unbind(0))
+    torch.manual_seed(2)
+    torch.testing.assert_close(both.update_from_each(batches)["loss_qvalue"], expected)
+
+
+def test_non_finite_update_changes_no_weight():
+    sac, data = agent(), batch()
+    data["next", "reward"][0] = torch.nan
+    before = weights(sac)
+    with pytest.raises(NonFiniteUpdateError):
+        sac.update(data)
+    assert all(torch.equal(before[name], value) for name, value in weights(sac).items())
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"gamma": 1.5}, r"gamma=1.5: must be in \[0, 1\]"),
+        ({"tau": 0.0}, r"tau=0.0: must be in \(0, 1\]"),
+        ({"learning_rate": 0.0}, "learning_rate=0.0: must be"),
+    ],
+)
+def test_arguments_out_of_range_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        agent(**options)
