@@ -59,3 +59,14 @@ def test_experiment_of_soft_actor_critic_trains(here):
     header, *rows = (here / "run" / "metrics.csv").read_text().splitlines()
     assert rows and "alpha" in header
     assert (here / "run" / "policy" / "weights.safetensors").is_file()
+
+
+def test_experiment_of_ppo_trains_and_resumes(here):
+    of_replay = ("replay.", "schedule.learning", "schedule.frames_per_update", "behavior.")
+    words = [word for word in pages.TINY_TRAINING if not word.startswith(of_replay)]
+    words += ["replay.num_steps=4", "schedule.frames_per_update=8", "hydra.run.dir=run"]
+    with pages.undrawn():
+        pages.run("navrl-train experiment=ppo", *words)
+    header, *rows = (here / "run" / "metrics.csv").read_text().splitlines()
+    assert len(rows) == 2 and "kl_approx" in header  # one update per rollout of 2 worlds, 4 steps
+    assert (here / "run" / "policy" / "weights.safetensors").is_file()

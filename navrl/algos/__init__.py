@@ -2,7 +2,8 @@
 
 from navrl.algos.action_smoothness import ActionSmoothness
 from navrl.algos.ddpg import DDPG
-from navrl.algos.exploration import CorrelatedExploration, GaussianExploration
+from navrl.algos.exploration import CorrelatedExploration, GaussianExploration, SquashedExploration
+from navrl.algos.ppo import PPO
 from navrl.algos.precision import Precision
 from navrl.algos.protocols import Algorithm, Exploration, NonFiniteUpdateError
 from navrl.algos.sac import SAC
@@ -10,6 +11,7 @@ from navrl.algos.td3 import TD3
 
 __all__ = [
     "DDPG",
+    "PPO",
     "SAC",
     "TD3",
     "ActionSmoothness",
@@ -19,4 +21,5 @@ __all__ = [
     "GaussianExploration",
     "NonFiniteUpdateError",
     "Precision",
+    "SquashedExploration",
 ]

@@ -8,36 +8,17 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictSequential
-from torch import Tensor, nn
-from torchrl.modules import ProbabilisticActor, TanhNormal
+from tensordict.nn import TensorDictModule
+from torch import Tensor
 from torchrl.objectives import SACLoss, SoftUpdate
 
-from navrl import keys
+from navrl.algos.distributions import stochastic_policy
 from navrl.algos.precision import Precision
 from navrl.algos.protocols import NonFiniteUpdateError
 from navrl.checks import check_positive
 
 _LOSSES = ("loss_actor", "loss_qvalue", "loss_alpha")
-_MAX_MEAN = 0.999  # of the action; the inverse of tanh is infinite at 1
-
-
-class Spread(nn.Module):
-    """Normal distribution before the tanh, around an action, with a learned deviation.
-
-    Args:
-        action_size: Number of action dimensions C.
-        log_std: Initial logarithm of the deviation.
-    """
-
-    def __init__(self, action_size: int, log_std: float = -1.0) -> None:
-        super().__init__()
-        self.log_std = nn.Parameter(torch.full((action_size,), log_std))
-
-    def forward(self, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Return location and deviation ``[*B, C]`` of an action ``[*B, C]`` in [-1, 1]."""
-        mean = torch.atanh(action.clamp(-_MAX_MEAN, _MAX_MEAN))
-        return mean, self.log_std.exp().expand_as(mean)
+_DEVIATION = 0.37  # before the tanh, at the start
 
 
 class SAC:
@@ -77,13 +58,7 @@ class SAC:
             raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
         check_positive(learning_rate=learning_rate, max_gradient_norm=max_gradient_norm)
         device = next(actor.parameters()).device
-        spread = TensorDictModule(Spread(action_size).to(device), [keys.ACTION], ["loc", "scale"])
-        policy = ProbabilisticActor(
-            TensorDictSequential(actor, spread),
-            in_keys=["loc", "scale"],
-            distribution_class=TanhNormal,
-            return_log_prob=True,
-        )
+        policy = stochastic_policy(actor, action_size, _DEVIATION, is_learned=True)
         self.actor, self.max_gradient_norm = actor, max_gradient_norm
         self.precision = Precision("float32", device)
         entropy = -float(action_size)

@@ -5,8 +5,8 @@ import torch
 from learners import ENCODER, SHAPES, batch
 
 from navrl.algos import SAC, NonFiniteUpdateError
+from navrl.algos.distributions import stochastic_policy
 from navrl.algos.protocols import Algorithm, check_protocol
-from navrl.algos.sac import Spread
 from navrl.networks import make_actor, make_critic
 
 
@@ -23,12 +23,24 @@ def test_has_the_members_of_an_algorithm():
     check_protocol("algorithm", agent(), Algorithm)
 
 
-def test_mean_of_the_distribution_is_the_action():
-    spread = Spread(2, log_std=-1.0)
-    mean, deviation = spread(torch.tensor([[0.5, -0.25]]))
-    torch.testing.assert_close(mean.tanh(), torch.tensor([[0.5, -0.25]]))
-    assert deviation.tolist() == [pytest.approx([0.36788, 0.36788], abs=1e-5)]
-    assert spread(torch.ones(1, 2))[0].isfinite().all()
+@pytest.mark.parametrize("is_learned", [True, False])
+def test_distribution_is_around_the_action_and_keeps_the_stored_one(is_learned):
+    actor = make_actor(ENCODER, SHAPES)
+    policy, data = stochastic_policy(actor, 2, 0.4, is_learned), batch()
+    stored, mean = data["action"].clone(), actor(data.clone())["action"]
+    distribution = policy.get_dist(data)
+    assert torch.equal(data["action"], stored)
+    torch.testing.assert_close(distribution.deterministic_sample, mean)
+    assert data["scale"].unique().tolist() == pytest.approx([0.4])
+    trained = [value for value in policy.parameters() if value.requires_grad]
+    assert len(trained) == len(list(actor.parameters())) + is_learned
+
+
+def test_critics_learn_the_stored_actions():
+    sac, data = agent(), batch()
+    stored = data["action"].clone()
+    sac.loss(data)
+    assert torch.equal(data["action"], stored)
 
 
 def test_temperature_falls_while_the_entropy_is_above_its_target():
