@@ -75,7 +75,8 @@ class GymnasiumVectorNavigation(VectorEnv):
         if self._base.scenarios is None:
             raise ValueError("env.scenarios=None: must be a pool, from which each world draws")
         self._pool, self._find_episode = self._base.scenarios, find_episode
-        self._renderers, self._mode = tuple(renderers), AutoresetMode(autoreset_mode)
+        self._renderers = tuple(renderers)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)  # read by TorchRL
         self.num_envs = env.batch_size.numel()
         self._generators = [torch.Generator() for _ in range(self.num_envs)]
         for generator in self._generators:
@@ -86,7 +87,7 @@ class GymnasiumVectorNavigation(VectorEnv):
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": frame_rate(self._base),
-            "autoreset_mode": self._mode,
+            "autoreset_mode": self.autoreset_mode,
         }
         self.single_observation_space: spaces.Dict = self._interface.observation
         self.single_action_space: spaces.Box = self._interface.action
@@ -139,7 +140,7 @@ class GymnasiumVectorNavigation(VectorEnv):
         """
         if self._carrier is None:
             raise ResetNeeded("step() without a running episode: call reset() first")
-        if self._mode == AutoresetMode.DISABLED and self._ended.any():
+        if self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
             worlds = self._ended.nonzero()[0].tolist()
             raise ResetNeeded(f"step() after the end in worlds {worlds}: reset them by reset_mask")
         result = self._env.step(self._carrier.set(keys.ACTION, self._commands(actions)))
@@ -153,7 +154,7 @@ class GymnasiumVectorNavigation(VectorEnv):
         )
         self._ended = ended = terminated | truncated
         final: dict[str, Any] = {}
-        if self._mode == AutoresetMode.SAME_STEP and ended.any():
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and ended.any():
             final, fresh = self._final(stepped, ended), ended
         if fresh.any():
             self._start(fresh)
