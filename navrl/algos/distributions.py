@@ -29,6 +29,7 @@ class ActionSpread(TensorDictModuleBase):
     def __init__(
         self, actor: TensorDictModule, action_size: int, deviation: float, is_learned: bool
     ) -> None:
+        """Create the deviation on the device of the actor."""
         super().__init__()
         self.in_keys, self.out_keys = list(actor.in_keys), ["loc", "scale"]
         self.actor = actor

@@ -99,7 +99,7 @@ class GaussianExploration:
 
 
 class SquashedExploration(GaussianExploration):
-    """Gaussian noise before the tanh, the distribution that :class:`navrl.algos.PPO` learns from.
+    """Gaussian noise before the tanh, as in the distribution of PPO.
 
     No action is clipped, so each has a finite probability density. Arguments are those of
     :class:`GaussianExploration`, whose scale is that before the tanh.

@@ -32,6 +32,7 @@ class StateValue(TensorDictModuleBase):
     """
 
     def __init__(self, critic: TensorDictModule, action_size: int) -> None:
+        """Take the keys of the critic without the action."""
         super().__init__()
         self.critic, self.action_size = critic, action_size
         self.in_keys = [key for key in critic.in_keys if key != keys.ACTION]
@@ -88,6 +89,7 @@ class PPO:
         minibatch_size: int = 1024,
         max_gradient_norm: float = 1.0,
     ) -> None:
+        """Check the values, then build loss, advantage and optimizer."""
         if not 0 <= gamma <= 1 or not 0 <= gae_lambda <= 1:
             raise ValueError(f"gamma={gamma}, gae_lambda={gae_lambda}: must be in [0, 1]")
         check_positive(deviation=deviation, clip=clip, learning_rate=learning_rate)

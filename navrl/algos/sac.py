@@ -54,6 +54,7 @@ class SAC:
         tau: float = 0.005,
         max_gradient_norm: float = 10.0,
     ) -> None:
+        """Check the values, then build loss and optimizer."""
         if not 0 <= gamma <= 1 or not 0 < tau <= 1:
             raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
         check_positive(learning_rate=learning_rate, max_gradient_norm=max_gradient_norm)

@@ -1,4 +1,4 @@
-"""Gymnasium's spaces, arrays and info of a navigation environment, for one or several worlds."""
+"""Spaces, arrays and info of the gymnasium environments, for one or several worlds."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from tensordict import TensorDictBase
+from torchrl.data import TensorSpec
+from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import EnvBase, TransformedEnv
 
 from navrl import keys
@@ -50,6 +52,7 @@ class Interface:
     """
 
     def __init__(self, env: EnvBase, observed: Sequence[str]) -> None:
+        """Check the keys and make the spaces."""
         if env.device is None or env.device.type != "cpu":
             raise ValueError(f"env.device={env.device}: must be cpu, as for NumPy arrays")
         self._observed, specs = tuple(observed), env.observation_spec
@@ -133,10 +136,11 @@ def chosen_episodes(
     return [find_episode(options["suite"], int(k)) for k in np.broadcast_to(indices, count)]
 
 
-def _space(spec: Any) -> spaces.Space:
+def _space(spec: TensorSpec) -> spaces.Space:
     """Return the space of one world's spec."""
     if spec.dtype == torch.bool:
         return spaces.MultiBinary(tuple(spec.shape))
-    bounds = spec.space if hasattr(spec.space, "low") else None
-    low, high = (-np.inf, np.inf) if bounds is None else (bounds.low.numpy(), bounds.high.numpy())
+    low, high = -np.inf, np.inf
+    if isinstance(spec.space, ContinuousBox):
+        low, high = spec.space.low.numpy(), spec.space.high.numpy()
     return spaces.Box(low, high, tuple(spec.shape), np.float32)

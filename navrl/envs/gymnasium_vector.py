@@ -67,6 +67,7 @@ class GymnasiumVectorNavigation(VectorEnv):
         find_episode: FindEpisode | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
+        """Check the arguments and make the spaces."""
         modes = [mode.value for mode in AutoresetMode]
         if autoreset_mode not in (*AutoresetMode, *modes):
             raise ValueError(f"autoreset_mode={autoreset_mode!r}: must be one of {modes}")

@@ -1,4 +1,4 @@
-"""What the policies of a table read, as text."""
+"""Text on the observations of the policies of a table."""
 
 from __future__ import annotations
 

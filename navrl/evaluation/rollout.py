@@ -131,7 +131,7 @@ def evaluate(
         A record per played scenario, in order.
 
     Raises:
-        ConnectionError: If a remote policy is lost.
+        ConnectionError: If the connection to a remote policy ends.
         ValueError: If the policy needs to know where pedestrians will walk, and they react.
     """
     check_known_future(policy, base_env(env).simulator)

@@ -50,8 +50,9 @@ class EvaluatedPolicy:
     def close(self) -> None:
         """Close the environment, and the connection of a remote policy."""
         self.env.close()
-        if hasattr(self.policy, "close"):
-            self.policy.close()
+        close = getattr(self.policy, "close", None)
+        if close is not None:
+            close()
 
 
 def make_evaluated_policy(

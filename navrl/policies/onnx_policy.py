@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -26,6 +26,22 @@ _TYPES = {
 }
 _REMEDY = "export the network again, with its weights inside the file"
 _ACTIONS = ("normalized", "physical")
+
+
+class _Input(Protocol):
+    """Interface of an input or output of a network in onnxruntime."""
+
+    name: str
+    shape: list[int | str | None]
+    type: str
+
+
+class _Network(Protocol):
+    """Interface of a session of onnxruntime."""
+
+    def get_inputs(self) -> list[_Input]: ...
+    def get_outputs(self) -> list[_Input]: ...
+    def run(self, names: None, feeds: Mapping[str, np.ndarray]) -> list[np.ndarray]: ...
 
 
 class OnnxPolicy(Controller):
@@ -60,6 +76,7 @@ class OnnxPolicy(Controller):
         inputs: Mapping[str, str] | None = None,
         action: str = "normalized",
     ) -> None:
+        """Load the network and check its inputs."""
         super().__init__()
         if action not in _ACTIONS:
             raise ValueError(f"action={action!r}: must be one of {', '.join(_ACTIONS)}")
@@ -100,7 +117,7 @@ class OnnxPolicy(Controller):
             action = normalized_action(self._robot, action)
         return tensordict.set(keys.ACTION, action.clamp(-1.0, 1.0))
 
-    def _value(self, tensordict: TensorDictBase, key: str, declared: Any) -> np.ndarray:
+    def _value(self, tensordict: TensorDictBase, key: str, declared: _Input) -> np.ndarray:
         """Return the observation of an input, of its type."""
         value = tensordict.get(input_key(key, tensordict.keys()), None)
         if value is None:
@@ -121,7 +138,7 @@ class OnnxPolicy(Controller):
         return value.numpy().astype(_TYPES[declared.type])
 
 
-def _session(file: Path) -> Any:
+def _session(file: Path) -> _Network:
     try:
         import onnxruntime  # pyright: ignore[reportMissingImports] -- an extra
     except ImportError as error:

@@ -79,6 +79,7 @@ class RemotePolicy(Controller):
         timeout_s: float = 10.0,
         start_timeout_s: float = 60.0,
     ) -> None:
+        """Connect, and exchange the first messages."""
         super().__init__()
         check_positive(timeout_s=timeout_s, start_timeout_s=start_timeout_s)
         self._robot, self._timeout_s = robot, timeout_s
@@ -129,7 +130,7 @@ class RemotePolicy(Controller):
         """Close the connection; a started process gets some seconds to end."""
         self._lines.close()
 
-    def _checked_keys(self, observes: Any) -> list[str]:
+    def _checked_keys(self, observes: object) -> list[str]:
         if not isinstance(observes, list) or not all(isinstance(key, str) for key in observes):
             raise self._lines.error(f"observes={str(observes)[:60]}: must be a list of keys")
         return observes
@@ -145,7 +146,7 @@ class RemotePolicy(Controller):
 class _Lines:
     """Connection that sends and receives JSON, one object per line.
 
-    After the first error every call raises it again, so that no time is lost with more timeouts.
+    After the first error every call raises it again, so that a second timeout is not waited for.
     """
 
     def __init__(self, address: str | Sequence[str], timeout_s: float) -> None:

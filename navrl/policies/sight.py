@@ -1,9 +1,8 @@
-"""What a policy sees: the sensors behind its inputs, and a wrapper that withholds other keys."""
+"""Sensors behind the inputs of a policy, and a wrapper that withholds other keys."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 from tensordict import TensorDictBase
 from torchrl.envs import Transform, TransformedEnv
@@ -70,6 +69,7 @@ class RestrictedPolicy:
     """
 
     def __init__(self, policy: Callable[[TensorDictBase], TensorDictBase]) -> None:
+        """Determine the keys to pass."""
         self._policy, declared = policy, getattr(policy, "in_keys", None)
         self._keys: list[str] | None = None
         if declared is not None and not is_privileged(policy):
@@ -94,5 +94,5 @@ class RestrictedPolicy:
         known = [key for key in list(tensordict.keys()) if key != keys.ACTION]
         return tensordict.update(decided.exclude(*known))
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         return getattr(self._policy, name)

@@ -15,7 +15,7 @@ from navrl.training.replay import Compact
 
 
 class Rollouts:
-    """Collect T steps of all worlds, then hand them out in order and begin anew.
+    """Collect T steps of all worlds, then return them in order and begin the next rollout.
 
     With ``schedule.frames_per_update`` = T times the number of worlds an algorithm has one update
     per rollout. It is empty until a rollout is complete.
@@ -35,6 +35,7 @@ class Rollouts:
         num_steps: int = 64,
         device: torch.device | str = "cpu",
     ) -> None:
+        """Begin an empty rollout."""
         check_counts(num_steps=num_steps)
         self.num_steps, self.device = num_steps, find_device(device)
         self._compact = Compact(observation_keys, "float32")

@@ -147,7 +147,7 @@ def steps(count, start=0):
     return [batch(2).set("action", torch.full((2, 2), float(start + k))) for k in range(count)]
 
 
-def test_rollout_is_complete_in_order_and_then_begins_anew():
+def test_rollout_is_in_order_and_then_restarts():
     rollouts = Rollouts(list(SHAPES), num_steps=3)
     for number, step in enumerate(steps(3)):
         assert len(rollouts) == 0, number

@@ -24,7 +24,7 @@ def test_has_the_members_of_an_algorithm():
 
 
 @pytest.mark.parametrize("is_learned", [True, False])
-def test_distribution_is_around_the_action_and_keeps_the_stored_one(is_learned):
+def test_distribution_does_not_change_the_stored_action(is_learned):
     actor = make_actor(ENCODER, SHAPES)
     policy, data = stochastic_policy(actor, 2, 0.4, is_learned), batch()
     stored, mean = data["action"].clone(), actor(data.clone())["action"]

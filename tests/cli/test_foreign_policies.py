@@ -86,7 +86,7 @@ def test_changed_module_is_evaluated_again(here):
     assert hashes[0] != hashes[1]
 
 
-def test_lost_process_ends_the_evaluation_in_one_line(here, capsys):
+def test_ended_process_is_reported_in_one_line(here, capsys):
     status = pages.exit_status(
         "navrl-evaluate", f"policy=process:{sys.executable} lost.py", *TINY, "hydra.run.dir=run"
     )

@@ -86,7 +86,7 @@ def test_documented_training_runs(capsys):
     assert "episodes ended" in capsys.readouterr().out
 
 
-def test_sac_trains_on_what_the_networks_read():
+def test_sac_trains_on_the_transformed_observation():
     env = make_vec_env(
         "navrl/Navigation-v0",
         1,

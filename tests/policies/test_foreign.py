@@ -111,7 +111,7 @@ def test_missing_module_is_named():
         load_policy("no_module:f", ROBOT)
 
 
-def test_zip_is_refused_unless_trusted(tmp_path):
+def test_untrusted_zip_is_rejected(tmp_path):
     file = tmp_path / "ppo.zip"
     file.write_bytes(b"PK")
     with pytest.raises(ValueError, match=r"ppo.zip: loading it runs code .* set trusted=true"):
@@ -158,7 +158,7 @@ def observation():
     return TensorDict({**values, "pedestrian_boxes": torch.ones(1, 2, 5)}, [1])
 
 
-def test_policy_is_passed_what_it_declares():
+def test_policy_is_passed_its_declared_keys():
     policy = Seeing(["ranges", "memory"])
     acted = RestrictedPolicy(policy)(observation())
     assert policy.seen == {"ranges", "action"}
@@ -199,7 +199,7 @@ def test_policy_without_an_action_is_named(result):
         ("own_policies:Turning", ["scan"]),
     ],
 )
-def test_results_say_what_a_policy_reads(module, policy, observes):
+def test_results_list_the_sources_of_observations(module, policy, observes):
     change = ["+change.controller.rate=0.1"] * policy.endswith("Turning")
     evaluated = make_evaluated_policy(
         compose("evaluate", [f"policy={policy}", "num_worlds=1", *change])
