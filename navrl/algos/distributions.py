@@ -31,7 +31,7 @@ class ActionSpread(TensorDictModuleBase):
     ) -> None:
         """Create the deviation on the device of the actor."""
         super().__init__()
-        self.in_keys, self.out_keys = list(actor.in_keys), ["loc", "scale"]
+        self.in_keys, self.out_keys = [str(key) for key in actor.in_keys], ["loc", "scale"]
         self.actor = actor
         device = next(actor.parameters()).device
         log_std = torch.full((action_size,), math.log(deviation), device=device)
@@ -49,8 +49,9 @@ def stochastic_policy(
     actor: TensorDictModule, action_size: int, deviation: float, is_learned: bool
 ) -> ProbabilisticActor:
     """Return TorchRL's policy of the distribution; arguments as for :class:`ActionSpread`."""
+    spread = ActionSpread(actor, action_size, deviation, is_learned)
     return ProbabilisticActor(
-        ActionSpread(actor, action_size, deviation, is_learned),
+        spread,  # pyright: ignore[reportArgumentType] -- any module with keys
         in_keys=["loc", "scale"],
         distribution_class=TanhNormal,
         return_log_prob=True,

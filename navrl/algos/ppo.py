@@ -35,7 +35,7 @@ class StateValue(TensorDictModuleBase):
         """Take the keys of the critic without the action."""
         super().__init__()
         self.critic, self.action_size = critic, action_size
-        self.in_keys = [key for key in critic.in_keys if key != keys.ACTION]
+        self.in_keys = [str(key) for key in critic.in_keys if key != keys.ACTION]
         self.out_keys = ["state_value"]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -102,10 +102,17 @@ class PPO:
         self.policy = stochastic_policy(actor, action_size, deviation, is_learned=False)
         value = StateValue(critic, action_size)
         self.loss = ClipPPOLoss(
-            self.policy, value, clip_epsilon=clip, entropy_bonus=False, normalize_advantage=True
+            self.policy,
+            value,  # pyright: ignore[reportArgumentType] -- any module with keys
+            clip_epsilon=clip,
+            entropy_bonus=False,
+            normalize_advantage=True,
         ).to(device)
         self.advantage = GAE(
-            gamma=gamma, lmbda=gae_lambda, value_network=value, deactivate_vmap=True
+            gamma=gamma,
+            lmbda=gae_lambda,
+            value_network=value,  # pyright: ignore[reportArgumentType]
+            deactivate_vmap=True,
         )
         self._weights = [value for value in self.loss.parameters() if value.requires_grad]
         self._learning_rate = learning_rate
@@ -128,7 +135,8 @@ class PPO:
         with torch.no_grad():
             distribution = self.policy.get_dist(rollout.copy())
             probability = distribution.log_prob(rollout.get(keys.ACTION))
-            rollout = rollout.copy().set(self.loss.tensor_keys.sample_log_prob, probability)
+            name = str(self.loss.tensor_keys.sample_log_prob)
+            rollout = rollout.copy().set(name, probability)
             self.advantage(rollout)
         steps, found = rollout.reshape(-1), []
         for _ in range(self.epochs):

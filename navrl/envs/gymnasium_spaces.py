@@ -61,9 +61,9 @@ class Interface:
             raise ValueError(
                 f"observed={unknown}: must be some of {sorted(map(str, specs.keys()))}"
             )
-        self.observation = spaces.Dict({key: _space(specs[key][0]) for key in observed})
-        limits = env.action_spec[0].space
-        self.action = spaces.Box(limits.low.numpy(), limits.high.numpy(), dtype=np.float32)
+        self.observation = spaces.Dict({key: _space(specs[key]) for key in observed})
+        limits = env.action_spec.space
+        self.action = spaces.Box(limits.low[0].numpy(), limits.high[0].numpy(), dtype=np.float32)
 
     def observations(self, tensordict: TensorDictBase) -> dict[str, np.ndarray]:
         """Return copies ``[N, ...]`` of the observed values."""
@@ -137,10 +137,10 @@ def chosen_episodes(
 
 
 def _space(spec: TensorSpec) -> spaces.Space:
-    """Return the space of one world's spec."""
+    """Return the space of one world from the spec ``[N, ...]`` of all."""
     if spec.dtype == torch.bool:
-        return spaces.MultiBinary(tuple(spec.shape))
+        return spaces.MultiBinary(tuple(spec.shape[1:]))
     low, high = -np.inf, np.inf
     if isinstance(spec.space, ContinuousBox):
-        low, high = spec.space.low.numpy(), spec.space.high.numpy()
-    return spaces.Box(low, high, tuple(spec.shape), np.float32)
+        low, high = spec.space.low[0].numpy(), spec.space.high[0].numpy()
+    return spaces.Box(low, high, tuple(spec.shape[1:]), np.float32)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -90,8 +89,8 @@ class GymnasiumVectorNavigation(VectorEnv):
             "render_fps": frame_rate(self._base),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space: spaces.Dict = self._interface.observation
-        self.single_action_space: spaces.Box = self._interface.action
+        self.single_observation_space = self._interface.observation
+        self.single_action_space = self._interface.action
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 

@@ -11,7 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from omegaconf import DictConfig
 from tensordict import TensorDictBase
-from torchrl.envs import Compose, EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 
 from navrl import keys
 from navrl.config import compose, did_you_mean, instantiate, options
@@ -23,6 +23,7 @@ from navrl.evaluation.recording import Recording
 from navrl.factory.environment import make_env, make_navigation_env, make_pool
 from navrl.factory.overrides import check_environment
 from navrl.factory.training import observation_shapes
+from navrl.transforms import compose as compose_transforms
 from navrl.viz.live import LiveScene
 from navrl.worlds import Scenario, Suite
 
@@ -94,7 +95,7 @@ def make_gymnasium_vector_env(
 
 
 for _make_one in (make_gymnasium_env, make_gymnasium_vector_env):
-    _make_one.metadata = GymnasiumNavigation.metadata  # read by gymnasium.make
+    vars(_make_one)["metadata"] = GymnasiumNavigation.metadata  # read by gymnasium.make
 
 
 def find_episode(suite: str, index: int) -> Scenario:
@@ -141,12 +142,12 @@ def _make(
     base = make_navigation_env(cfg, num_worlds, make_pool(cfg), seed=None)
     if is_raw and not is_normalized:
         return _Made(base, base, RAW)
-    transforms = Compose() if is_raw else instantiate(cfg.transforms)
+    transforms = compose_transforms() if is_raw else instantiate(cfg.transforms)
     env = make_env(base, transforms, is_normalized)
     return _Made(env, base, RAW if is_raw else _network_inputs(cfg, env))
 
 
-def _network_inputs(cfg: DictConfig, env: EnvBase) -> list[str]:
+def _network_inputs(cfg: DictConfig, env: TransformedEnv) -> list[str]:
     """Return the keys that the networks of the configuration read."""
     return list(instantiate(cfg.network.encoder)(shapes=observation_shapes(env)).in_keys)
 

@@ -153,7 +153,7 @@ def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPol
     except ValueError:
         env.close()
         raise
-    return EvaluatedPolicy(policy_name(cfg), RestrictedPolicy(controller), env)
+    return EvaluatedPolicy(policy_name(cfg), RestrictedPolicy(cast(Callable, controller)), env)
 
 
 def controller_node(policy: str) -> dict[str, Any] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from tensordict import TensorDictBase
 
@@ -41,7 +41,7 @@ def load_policy(reference: str, robot: RobotModel, **arguments: Any) -> Policy:
     if not inspect.isclass(found):
         if arguments:
             raise ValueError(f"policy={reference}: a function has no arguments, got {arguments}")
-        return found
+        return cast(Policy, found)
     parameters = inspect.signature(found).parameters
     known = {"robot": robot} if "robot" in parameters else {}
     try:
@@ -53,4 +53,4 @@ def load_policy(reference: str, robot: RobotModel, **arguments: Any) -> Policy:
         ) from error
     if not callable(built):
         raise ValueError(f"policy={reference}: its objects must be callable")
-    return built
+    return cast(Policy, built)

@@ -89,7 +89,8 @@ class RemotePolicy(Controller):
         try:
             self._lines.send({"type": "hello", "protocol": PROTOCOL, **hello}, start_timeout_s)
             answer = self._lines.receive(start_timeout_s)
-            self.in_keys = self._checked_keys(answer.get("observes"))
+            self._observes = self._checked_keys(answer.get("observes"))
+            self.in_keys = [*self._observes]
             self.out_keys = [keys.ACTION]
             self._is_physical = answer.get("action", "physical") == "physical"
             if answer.get("action", "physical") not in _ACTIONS:
@@ -108,7 +109,7 @@ class RemotePolicy(Controller):
         Raises:
             RemotePolicyError: If a key is not observed, or the answer is late or invalid.
         """
-        observations = {key: self._observed(tensordict, key).tolist() for key in self.in_keys}
+        observations = {key: self._observed(tensordict, key).tolist() for key in self._observes}
         self._lines.send({"type": "step", "observations": observations}, self._timeout_s)
         answer = self._lines.receive(self._timeout_s)
         shape = (tensordict.batch_size.numel(), self._robot.command_size)
@@ -167,7 +168,9 @@ class _Lines:
             return socket.create_connection((host.strip("[]"), int(port)), timeout_s)
         ours, theirs = socket.socketpair()  # unlike a pipe it has timeouts
         with theirs:
-            self._process = subprocess.Popen(list(address), stdin=theirs, stdout=theirs)
+            self._process = subprocess.Popen(
+                list(address), stdin=theirs.fileno(), stdout=theirs.fileno()
+            )
         return ours
 
     def send(self, message: dict[str, Any], timeout_s: float) -> None:

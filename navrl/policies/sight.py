@@ -68,7 +68,7 @@ class RestrictedPolicy:
             passed; without ``in_keys`` every key but those of the true state.
     """
 
-    def __init__(self, policy: Callable[[TensorDictBase], TensorDictBase]) -> None:
+    def __init__(self, policy: Callable[..., TensorDictBase]) -> None:
         """Determine the keys to pass."""
         self._policy, declared = policy, getattr(policy, "in_keys", None)
         self._keys: list[str] | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -61,7 +61,8 @@ class Rollouts:
 
     def sample(self, count: int = 1) -> TensorDictBase:
         """Return the rollout ``[count, N, T]``, repeated for ``count`` > 1."""
-        return torch.stack([torch.stack(self._steps, dim=1)] * count)
+        rollout = cast(TensorDict, TensorDict.stack(self._steps, 1))
+        return rollout.expand(count, *rollout.batch_size).clone()
 
     def discard_pending(self) -> None:
         """Discard an incomplete rollout whose episodes are not continued."""
