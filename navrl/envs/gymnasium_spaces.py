@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import gymnasium
 import numpy as np
@@ -62,7 +62,7 @@ class Interface:
                 f"observed={unknown}: must be some of {sorted(map(str, specs.keys()))}"
             )
         self.observation = spaces.Dict({key: _space(specs[key]) for key in observed})
-        limits = env.action_spec.space
+        limits = cast(ContinuousBox, env.action_spec.space)
         self.action = spaces.Box(limits.low[0].numpy(), limits.high[0].numpy(), dtype=np.float32)
 
     def observations(self, tensordict: TensorDictBase) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 import torch
@@ -158,4 +158,4 @@ def _session(file: Path) -> _Network:
     if len(session.get_outputs()) != 1:
         names = ", ".join(one.name for one in session.get_outputs())
         raise ValueError(f"{file}: outputs {names}: must be one, the action")
-    return session
+    return cast(_Network, session)
