@@ -61,17 +61,31 @@ def read_text(file: str | Path, remedy: str, max_bytes: int = MAX_TEXT_BYTES) ->
         OSError: If there is no such file, or it may not be read.
         DamagedFileError: If it is not a regular file, too large or not UTF-8 text.
     """
+    try:
+        return read_bytes(file, remedy, max_bytes).decode()
+    except UnicodeDecodeError as error:
+        raise DamagedFileError(file, f"not UTF-8 text ({error})", remedy) from error
+
+
+def read_bytes(file: str | Path, remedy: str, max_bytes: int = MAX_ARRAY_BYTES) -> bytes:
+    """Read a file of limited size.
+
+    Args:
+        file: File to read.
+        remedy: Advice to the user in the error message.
+        max_bytes: Maximum size.
+
+    Raises:
+        OSError: If there is no such file, or it may not be read.
+        DamagedFileError: If it is not a regular file, or too large.
+    """
     file = Path(file)
     if file.exists() and not file.is_file():  # a pipe would block
         raise DamagedFileError(file, "must be a regular file", remedy)
     with file.open("rb") as stream:
         if os.fstat(stream.fileno()).st_size > max_bytes:
             raise DamagedFileError(file, f"must have at most {max_bytes:,} bytes", remedy)
-        data = stream.read()
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        raise DamagedFileError(file, f"not UTF-8 text ({error})", remedy) from error
+        return stream.read()
 
 
 def read_json(file: str | Path, remedy: str, kind: type = dict) -> Any:

@@ -83,9 +83,10 @@ OTHERS = {
     "ray start --head --port=6379",
     "ray start '--address=<head>:6379'",
     "sbatch --cpus-per-task=8",
+    "python tests/clients/vector_speed.py",  # minutes; tests/clients has the equality
     MINE,  # the last test
 }
-OWN_TESTS = {"extending.md"}  # tests/test_extending.py
+OWN_TESTS = {"extending.md", "own_algorithm.md", "own_policy.md"}  # tests of these names
 # Parts of it are in other commands; 20 s of starting processes.
 NIGHTLY = "navrl-benchmark 'rows=[workers,update,training]'"
 COMMANDS = [

@@ -205,16 +205,16 @@ def test_own_reward_term(here):
 
 
 def test_own_algorithm(here):
-    run = here / train("algorithm=sac")
+    run = here / train("algorithm=plain")
     cfg, columns = finished(run)
-    assert cfg.algorithm._target_ == "my_package.sac.SAC"
-    assert {"loss_alpha", "loss_qvalue"} <= {column.rpartition("/")[2] for column in columns}
+    assert cfg.algorithm._target_ == "my_package.plain.PlainDDPG"
+    assert {"loss_actor", "loss_value"} <= {column.rpartition("/")[2] for column in columns}
 
 
 def test_algorithm_without_the_members_is_rejected(here, capsys):
     words = ["algorithm._target_=builtins.dict", *pages.TINY_TRAINING]
     with pytest.raises(SystemExit, match="2"):
-        pages.run(printed("algorithm=sac"), *words)
+        pages.run(printed("algorithm=plain"), *words)
     assert "algorithm=dict: must have anneal, load_state_dict, precision, state_dict" in (
         capsys.readouterr().err
     )

@@ -14,6 +14,9 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from navrl import keys
 from navrl.deprecation import warn
 
+MAX_MEAN = 0.999
+"""Largest mean of an action under noise before the tanh, whose inverse is infinite at 1."""
+
 
 class GaussianExploration:
     """Gaussian noise on normalized actions, annealed linearly over frames.
@@ -84,11 +87,26 @@ class GaussianExploration:
         if self._std.device != action.device:
             self._std = self._std.to(action.device)
         noise = self._unit_noise(tensordict, action) * self._std * self.sigma(frames)
-        return tensordict.set(keys.ACTION, (action + noise).clamp(-1.0, 1.0))
+        return tensordict.set(keys.ACTION, self._disturbed(action, noise))
+
+    def _disturbed(self, action: Tensor, noise: Tensor) -> Tensor:
+        """Return the action ``[N, C]`` in [-1, 1] with noise of the same shape."""
+        return (action + noise).clamp(-1.0, 1.0)
 
     def _unit_noise(self, tensordict: TensorDictBase, action: Tensor) -> Tensor:
         """Return noise ``[N, C]`` of zero mean and unit variance."""
         return torch.randn_like(action)
+
+
+class SquashedExploration(GaussianExploration):
+    """Gaussian noise before the tanh, as in the distribution of PPO.
+
+    No action is clipped, so each has a finite probability density. Arguments are those of
+    :class:`GaussianExploration`, whose scale is that before the tanh.
+    """
+
+    def _disturbed(self, action: Tensor, noise: Tensor) -> Tensor:
+        return torch.tanh(torch.atanh(action.clamp(-MAX_MEAN, MAX_MEAN)) + noise)
 
 
 class CorrelatedExploration(GaussianExploration):

@@ -2,45 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import step_mdp
 
 from navrl import keys
-from navrl.envs.navigation import NavigationEnv
-from navrl.envs.outcome import Outcome
-
-OBSERVED = (keys.RANGES, keys.POSE, keys.PATH)
-
-
-class Renderer(Protocol):
-    """Interface of renderers, so that this layer does not import the drawing code."""
-
-    def start(self, observation: TensorDictBase) -> None:
-        """Record the observation of a reset, ``[1]``."""
-
-    def add(self, action: Tensor, observation: TensorDictBase) -> None:
-        """Record a command ``[2]`` in m/s and rad/s and the step's observation, ``[1]``."""
-
-    def frame(self) -> np.ndarray:
-        """Return an image of the current step, ``[H, W, 3]`` uint8, of constant size."""
-        ...
+from navrl.envs.gymnasium_spaces import (
+    RAW,
+    FindEpisode,
+    Interface,
+    Renderer,
+    chosen_episodes,
+    frame_rate,
+    frames,
+    navigation_env,
+    render_modes,
+)
+from navrl.worlds import ScenarioBatch
 
 
 class GymnasiumNavigation(gymnasium.Env):
-    """Adapt a :class:`NavigationEnv` of one world to gymnasium's interface.
+    """Adapt an environment of one world to gymnasium's interface.
 
     TorchRL's own ``register_gym`` returns arrays of shape (1,) for the reward and the end flags and
     does not pass gymnasium's ``check_env``; hence this adapter.
 
-    **Observation**: ``ranges`` (beams,) m, ``pose`` (3,) world, ``path`` (P, 2) m world, float32.
-    **Action**: (v, w) in m/s and rad/s. **Info**, after each reset and step:
+    **Observation**: the observed keys as float32; of a raw environment ``ranges`` (beams,) m,
+    ``pose`` (3,) world, ``path`` (P, 2) m world. **Action**: as the environment takes it; of a raw
+    one (v, w) in m/s and rad/s. **Info**, after each reset and step:
 
     ===============  =======  ==================================================================
     key              dtype    meaning
@@ -59,35 +55,39 @@ class GymnasiumNavigation(gymnasium.Env):
     **End**: a step after the end raises :class:`gymnasium.error.ResetNeeded`.
 
     Args:
-        env: Environment of one world on the CPU.
+        env: Environment of one world on the CPU, raw or with transforms.
         renderer: Draws the frames of ``render_mode="rgb_array"``; ``None`` is ``render_mode=None``.
+        observed: Keys of the observation.
+        find_episode: Source of the episodes of ``reset(options={"suite": ..., "index": ...})``.
 
     Raises:
-        ValueError: If the environment has another number of worlds or is on another device.
+        ValueError: If the environment has another number of worlds, is on another device, or does
+            not observe a key.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 -- as in gymnasium
 
-    def __init__(self, env: NavigationEnv, renderer: Renderer | None = None) -> None:
+    def __init__(
+        self,
+        env: EnvBase,
+        renderer: Renderer | None = None,
+        observed: Sequence[str] = RAW,
+        find_episode: FindEpisode | None = None,
+    ) -> None:
         if env.batch_size != torch.Size([1]):
             raise ValueError(f"env.batch_size={list(env.batch_size)}: must be [1], one world")
-        if env.device.type != "cpu":
-            raise ValueError(f"env.device={env.device}: must be cpu, as for NumPy arrays")
-        self._env, self._renderer = env, renderer
+        self._interface = Interface(env, observed)
+        self._env, self._base = env, navigation_env(env)
+        self._renderers = () if renderer is None else (renderer,)
+        self._find_episode = find_episode
+        self._carrier: TensorDictBase = TensorDict({}, [1])
         self._is_running = False
-        self.render_mode = None if renderer is None else "rgb_array"
-        self.metadata = {**self.metadata, "render_fps": round(1 / env.simulator.time_step_s)}
-        beams, limit = env.simulator.lidar.num_beams, env.simulator.lidar.max_range
-        points = env.observation_spec[keys.PATH].shape[1]
-        self.observation_space = spaces.Dict(
-            {
-                keys.RANGES: spaces.Box(0.0, limit, (beams,), np.float32),
-                keys.POSE: spaces.Box(-np.inf, np.inf, (3,), np.float32),
-                keys.PATH: spaces.Box(-np.inf, np.inf, (points, 2), np.float32),
-            }
+        self.render_mode = render_modes(self._renderers)
+        self.metadata = {**self.metadata, "render_fps": frame_rate(self._base)}
+        self.observation_space, self.action_space = (
+            self._interface.observation,
+            self._interface.action,
         )
-        low, high = env.simulator.robot.bounds(env.device)
-        self.action_space = spaces.Box(low.numpy(), high.numpy(), dtype=np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -96,24 +96,26 @@ class GymnasiumNavigation(gymnasium.Env):
 
         Args:
             seed: Determines this episode and all later ones; ``None`` continues the generator.
-            options: None supported; must be ``None`` or empty.
+            options: ``{"suite": "table1", "index": 3}`` plays that episode of a suite; ``None``, or
+                empty, draws one.
 
         Returns:
             Observation and info, see the class.
 
         Raises:
-            ValueError: If an option is given.
+            ValueError: If an option is not allowed.
         """
-        if options:
-            raise ValueError(f"options={options}: must be None or empty")
+        chosen = chosen_episodes(options, self._find_episode, 1)
         super().reset(seed=seed)
         if seed is not None:
             self._env.set_seed(seed)
-        observed = self._env.reset()
+        self._base.set_scenarios(None if chosen is None else ScenarioBatch.pack(chosen))
+        self._carrier = self._env.reset()
+        self._base.set_scenarios(None)
         self._is_running = True
-        if self._renderer is not None:
-            self._renderer.start(observed)
-        return self._split(observed)
+        for renderer in self._renderers:
+            renderer.start(self._carrier)
+        return self._split(self._carrier)
 
     def step(
         self, action: np.ndarray
@@ -121,7 +123,7 @@ class GymnasiumNavigation(gymnasium.Env):
         """Drive for one time step.
 
         Args:
-            action: ``(2,)`` (v, w) in m/s and rad/s, clipped to the robot's limits.
+            action: As in ``action_space``; clipped to its limits.
 
         Returns:
             Observation, reward, terminated, truncated and info, see the class.
@@ -133,13 +135,16 @@ class GymnasiumNavigation(gymnasium.Env):
         if not self._is_running:
             raise ResetNeeded("step() without a running episode: call reset() first")
         command = torch.as_tensor(np.asarray(action, dtype=np.float32))
-        if command.shape != (2,):
-            raise ValueError(f"action.shape={tuple(command.shape)}: must be (2,)")
-        stepped = self._env.step(TensorDict({keys.ACTION: command[None]}, [1]))["next"]
+        if command.shape != self.action_space.shape:
+            raise ValueError(
+                f"action.shape={tuple(command.shape)}: must be {self.action_space.shape}"
+            )
+        result = self._env.step(self._carrier.set(keys.ACTION, command[None]))
+        stepped, self._carrier = result["next"], step_mdp(result)
         terminated, truncated = bool(stepped["terminated"]), bool(stepped["truncated"])
         self._is_running = not (terminated or truncated)
-        if self._renderer is not None:
-            self._renderer.add(command, stepped)
+        for renderer in self._renderers:
+            renderer.add(stepped)
         observation, info = self._split(stepped)
         return observation, float(stepped["reward"]), terminated, truncated, info
 
@@ -149,25 +154,19 @@ class GymnasiumNavigation(gymnasium.Env):
         Raises:
             ResetNeeded: If no episode has begun.
         """
-        if self._renderer is None:
-            gymnasium.logger.warn('render() without render_mode="rgb_array" returns None')
-            return None
-        return self._renderer.frame()
+        images = frames(self._renderers)
+        return None if images is None else images[0]
 
     def close(self) -> None:
         """Release the simulator."""
         if not self._env.is_closed:
             self._env.close()
 
-    @staticmethod
-    def _split(tensordict: TensorDictBase) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        observation = {key: tensordict.get(key)[0].numpy().copy() for key in OBSERVED}
-        outcome = np.int64(tensordict[keys.OUTCOME].item())
-        # An array, since gymnasium's vector environments stack NumPy's scalar bool as objects.
+    def _split(self, tensordict: TensorDictBase) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        observations = self._interface.observations(tensordict)
         info: dict[str, Any] = {
-            "outcome": outcome,
-            "is_success": np.array(outcome == Outcome.SUCCESS),
+            key: value[0] for key, value in self._interface.info(tensordict).items()
         }
-        terms = tensordict.get(keys.REWARD_TERMS).items()
-        info.update({f"reward_{name}": np.float32(value.item()) for name, value in terms})
-        return observation, info
+        # An array, since gymnasium's vector environments stack NumPy's scalar bool as objects.
+        info["is_success"] = np.array(info["is_success"])
+        return {key: value[0] for key, value in observations.items()}, info

@@ -53,6 +53,7 @@ class ComparisonRow:
             or if the episodes are not frozen.
         is_privileged: Whether the policy is privileged (reads the true state).
         folder: Folder of the evaluation.
+        observes: What the policy may read, e.g. scan, pose and path; empty in older evaluations.
     """
 
     policy: str
@@ -70,6 +71,7 @@ class ComparisonRow:
     published: Mapping[str, float]
     is_privileged: bool
     folder: str
+    observes: tuple[str, ...] = ()
 
     @property
     def cheats(self) -> bool:
@@ -264,6 +266,7 @@ def _row(
         published=published.get(split_seed(label)[0], {}),
         is_privileged=is_privileged(evaluation),
         folder=str(evaluation.folder),
+        observes=tuple(summary.get("observes", ())),
     )
 
 

@@ -67,6 +67,7 @@ def summarize(
     suite_version: int | None = None,
     metrics: Sequence[Metric] = METRICS,
     privileged: bool = False,
+    observes: Sequence[str] = (),
 ) -> dict:
     """Summarize the outcomes and metrics of an evaluation.
 
@@ -79,6 +80,7 @@ def summarize(
         suite_version: Version of the frozen episodes; ``None`` for other episodes.
         metrics: Metrics measured in each episode.
         privileged: Whether the policy reads the true state.
+        observes: What the policy may read, e.g. scan, pose and path.
 
     Returns:
         Plain data, overall and for each kind of world: each rate with its 95 % Wilson interval; the
@@ -94,6 +96,7 @@ def summarize(
     return {
         "policy": policy,
         "privileged": privileged,
+        "observes": list(observes),
         "suite": suite,
         "suite_hash": suite_hash,
         "suite_version": suite_version,

@@ -131,6 +131,7 @@ def evaluate(
         A record per played scenario, in order.
 
     Raises:
+        ConnectionError: If the connection to a remote policy ends.
         ValueError: If the policy needs to know where pedestrians will walk, and they react.
     """
     check_known_future(policy, base_env(env).simulator)
@@ -187,6 +188,8 @@ def _play_chunk(
     watchers = [watcher for watcher in (on_step, recorder) if watcher is not None]
     try:
         series, solved = _play(env, policy, batch, watchers)
+    except ConnectionError:
+        raise  # of a remote policy: no fault of the episode, and the next one has it too
     except Exception:
         if len(chunk) == 1:
             return [_failed(batch, chunk.start, traceback.format_exc())]

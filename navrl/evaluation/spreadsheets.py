@@ -63,6 +63,7 @@ def _flat(table: ComparisonTable, row: ComparisonRow) -> dict[str, object]:
         "simulator": table.simulator,
         "policy": row.policy,
         "privileged": int(row.is_privileged),
+        "observes": ", ".join(row.observes),
         "episodes": row.episodes,
         "errors": row.errors,
     }

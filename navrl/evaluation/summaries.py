@@ -81,6 +81,8 @@ def _rule(name: str) -> tuple[Callable[[object], bool], str]:
         return _is_change, "an object of plain values"
     if name == "perturbation":
         return _is_perturbation, f"an object with {', '.join(_PERTURBATION)}, texts"
+    if name == "observes":
+        return _is_names, "a list of texts"
     if name == "privileged":
         return lambda value: isinstance(value, bool), "true or false"
     if name == "episodes":
@@ -104,6 +106,10 @@ def _rule(name: str) -> tuple[Callable[[object], bool], str]:
 
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and len(value) <= _MAX_NAME
+
+
+def _is_names(value: object) -> bool:
+    return isinstance(value, list) and len(value) <= _SHOWN and all(map(_is_name, value))
 
 
 def _is_change(value: object) -> bool:

@@ -14,6 +14,7 @@ from navrl.deprecation import warn
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
 from navrl.evaluation.metrics import METRICS
 from navrl.evaluation.metrics.table import RENAMED
+from navrl.evaluation.observed import observed_text
 from navrl.evaluation.pairing import COLLISIONS, COMPARABLE, MetricComparison
 from navrl.evaluation.seeds import OverSeeds
 from navrl.evaluation.spreadsheets import (
@@ -88,6 +89,8 @@ def markdown(table: ComparisonTable) -> str:
     lines += ["| " + " | ".join(_cells(row, reference, has_published)) + " |" for row in table.rows]
     if any(row.is_privileged for row in table.rows):
         lines += ["", "\\* privileged: reads the true state of walls and pedestrians."]
+    observed = observed_text(table.rows, _code)
+    lines += ["", observed] if observed else []
     lines += [*_lead_lines(table), *_collision_lines(table), *_seed_lines(table)]
     return "\n".join(lines) + "\n"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -13,8 +14,10 @@ from torchrl.data import Composite
 from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
-from navrl.config import instantiate
+from navrl.checks import check_positive
+from navrl.config import compose, did_you_mean, instantiate, options
 from navrl.envs import NavigationEnv, TransformedNavigationEnv
+from navrl.factory.overrides import check_environment
 from navrl.ops.backend import find_device
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds import ScenarioPool, Suite
@@ -126,15 +129,23 @@ def _cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "navrl"
 
 
-def make_env(env: NavigationEnv, transforms: Transform) -> TransformedEnv:
+def make_env(
+    env: NavigationEnv, transforms: Transform, is_normalized: bool = True
+) -> TransformedEnv:
     """Append a clone of the perception transforms, then normalize actions to [-1, 1].
+
+    Args:
+        env: Raw environment.
+        transforms: Transforms, which are cloned.
+        is_normalized: False leaves the actions as the transforms take them.
 
     Raises:
         ValueError: If the transforms have another mount or other angles of the lidar.
     """
     check_lidar(transforms, env.simulator.lidar)
     transformed = TransformedNavigationEnv(env, transforms.clone())
-    transformed.append_transform(ActionScaling())
+    if is_normalized:
+        transformed.append_transform(ActionScaling())
     for part in (env, transformed):
         _share_bounds(part.full_observation_spec)
         _share_bounds(part.full_state_spec)
@@ -154,14 +165,36 @@ def _shared(bound: Tensor) -> Tensor:
     return first.clone().expand(bound.shape) if bool((bound == first).all()) else bound
 
 
-def make_training_env(cfg: DictConfig, seed: int, num_worlds: int | None = None) -> TransformedEnv:
+def make_training_env(
+    cfg: DictConfig, seed: int | None, num_worlds: int | None = None
+) -> TransformedEnv:
     """Build a training environment; workers call this in their own process.
 
     Args:
         cfg: A composed ``conf/train.yaml``.
-        seed: Seed of the environment; the pool of scenarios depends on ``cfg.seed``.
+        seed: Seed of the environment, ``None`` draws one; the pool of scenarios depends on
+            ``cfg.seed``.
         num_worlds: Batch size; ``cfg.num_worlds`` if ``None``.
     """
     count = cfg.num_worlds if num_worlds is None else num_worlds
     env = make_navigation_env(cfg, count, make_pool(cfg), seed)
     return make_env(env, instantiate(cfg.transforms))
+
+
+def make_batched_env(
+    name_or_overrides: str | Sequence[str] = "quick", num_worlds: int = 64, seed: int | None = 0
+) -> TransformedEnv:
+    """Build the environment behind :func:`navrl.make`; see there for arguments and errors."""
+    is_name = isinstance(name_or_overrides, str)
+    overrides = [f"experiment={name_or_overrides}"] if is_name else list(name_or_overrides)
+    if is_name and name_or_overrides not in options("experiment"):
+        near = did_you_mean(name_or_overrides, options("experiment"))
+        raise ValueError(
+            f"name_or_overrides={name_or_overrides!r}: must be a list of overrides or one of "
+            f"{', '.join(options('experiment'))}{near}"
+        )
+    check_positive(num_worlds=num_worlds)
+    check_environment(overrides, is_transformed=True, others=("device", "hardware"))
+    cfg = compose("train", overrides)
+    cfg.num_worlds = num_worlds
+    return make_training_env(cfg, seed)

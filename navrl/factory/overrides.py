@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
 from omegaconf import DictConfig
 
-from navrl.config import compose, instantiate
+from navrl.config import check_types, compose, instantiate
 from navrl.deprecation import present_key
 from navrl.evaluation.kept import KEPT
 from navrl.factory.perturbation import check_perturbation
@@ -18,6 +19,16 @@ from navrl.policies.names import bundle_folder
 
 PARTS = ("transforms", "lidar", "robot")
 """Parts that a bundle includes and ``change`` can modify."""
+
+EFFECTIVE = (
+    *("scenario", "simulator", "robot", "lidar", "localization", "pedestrians", "timing"),
+    *("reward", "environment", "experiment"),
+    *("seed", "pool_size", "empty_share", "num_threads"),
+)
+"""Keys of ``conf/train.yaml`` that affect a raw environment."""
+
+OF_TRANSFORMED = ("transforms", "network")
+"""Keys that affect an environment with the transforms and the inputs of the networks."""
 
 # Keys allowed when a recording is drawn: those with an effect, and the number of threads.
 _OF_RECORDING = ("recording", "frames_per_s", "num_threads")
@@ -105,6 +116,34 @@ def check_policy(cfg: DictConfig, is_bundle: bool) -> None:
     if cfg.get("recordings") == "none":
         for key, value in _overridden(cfg, ["reward"]):
             raise ValueError(f"{key}={value}: no effect without recordings=failures or all")
+
+
+def check_environment(
+    overrides: Sequence[str], is_transformed: bool, others: Sequence[str] = ()
+) -> None:
+    """Check that all overrides of ``conf/train.yaml`` have an effect on an environment.
+
+    Args:
+        overrides: Hydra overrides.
+        is_transformed: Whether the environment has the transforms of the configuration.
+        others: Allowed keys besides :data:`EFFECTIVE` and :data:`OF_TRANSFORMED`.
+
+    Raises:
+        ValueError: If one has no effect or its value is of another type.
+    """
+    if isinstance(overrides, str):
+        raise ValueError(f"overrides={overrides!r}: must be a list of strings")
+    effective = (*EFFECTIVE, *others, *(OF_TRANSFORMED if is_transformed else ()))
+    for override in overrides:
+        package = override.partition("=")[0].rpartition("@")[2].lstrip("+~")
+        key = re.split("[./]", package)[0]
+        if key not in effective:
+            only = '; it has with observation="transformed"' if key in OF_TRANSFORMED else ""
+            raise ValueError(
+                f"overrides={override!r}: must be of {', '.join(effective)}; {key} has no effect "
+                f"on this environment{only}"
+            )
+    check_types("train", overrides)
 
 
 def check_drawing(cfg: DictConfig) -> None:

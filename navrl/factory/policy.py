@@ -12,7 +12,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
-from navrl.config import compose, instantiate
+from navrl.config import compose, instantiate, options
 from navrl.deploy import PolicyRunner, SafetyLimits
 from navrl.deprecation import renamed_keys
 from navrl.envs.transformed import base_env
@@ -23,7 +23,9 @@ from navrl.factory.perturbation import perturbed_parts
 from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
 from navrl.policies import load_bundle
+from navrl.policies.foreign import foreign_name, foreign_node
 from navrl.policies.names import bundle_folder
+from navrl.policies.sight import RestrictedPolicy, observed_sources
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,18 @@ class EvaluatedPolicy:
     policy: Callable[[TensorDictBase], TensorDictBase]
     env: TransformedEnv
 
+    @property
+    def observes(self) -> list[str]:
+        """What the policy may read: scan, pose, path, odometry, true state."""
+        return observed_sources(self.policy, self.env)
+
+    def close(self) -> None:
+        """Close the environment, and the connection of a remote policy."""
+        self.env.close()
+        close = getattr(self.policy, "close", None)
+        if close is not None:
+            close()
+
 
 def make_evaluated_policy(
     cfg: DictConfig,
@@ -49,7 +63,8 @@ def make_evaluated_policy(
 ) -> EvaluatedPolicy:
     """Build the policy named by ``cfg.policy`` and its environment.
 
-    A bundle has its own transforms, lidar and robot; a controller uses those of the config.
+    A bundle has its own transforms, lidar and robot; a controller uses those of the config, and is
+    passed only what it declares to read (:class:`navrl.policies.sight.RestrictedPolicy`).
     ``cfg.perturbation`` and then ``cfg.change`` modify them.
 
     Args:
@@ -119,7 +134,7 @@ def policy_name(cfg: DictConfig) -> str:
     """Return the name of the policy; for a training run, the name of its folder."""
     folder = bundle_folder(cfg.policy)
     if folder is None:
-        return cfg.policy
+        return cfg.policy if cfg.policy in options("controller") else foreign_name(cfg.policy)
     return folder.name if folder.name != "policy" else folder.parent.name
 
 
@@ -138,14 +153,14 @@ def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPol
     except ValueError:
         env.close()
         raise
-    return EvaluatedPolicy(cfg.policy, controller, env)
+    return EvaluatedPolicy(policy_name(cfg), RestrictedPolicy(cast(Callable, controller)), env)
 
 
 def controller_node(policy: str) -> dict[str, Any] | None:
-    """Return the node of the controller of that name; ``None`` if ``policy`` is a bundle.
+    """Return the node of the controller that ``policy`` names; ``None`` if it is a bundle.
 
     Controllers are the files of the group ``controller`` in the configuration directories: navrl's
-    own and those of ``--config-dir``.
+    own and those of ``--config-dir``; others are :func:`navrl.policies.foreign.foreign_node`.
 
     Raises:
         ValueError: If it does not exist; the message lists all policies.
@@ -153,6 +168,9 @@ def controller_node(policy: str) -> dict[str, Any] | None:
     if bundle_folder(policy) is not None:
         return None
     check_policy_name(policy)  # never a path, which would build an unchecked node
+    node = foreign_node(policy) if policy not in options("controller") else None
+    if node is not None:
+        return node
     node = compose("evaluate", [f"+controller={policy}"]).controller
     return cast(dict[str, Any], OmegaConf.to_container(node, resolve=False))
 

@@ -69,6 +69,7 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         simulator=start.simulator,
         metrics=metrics,
         privileged=start.privileged,
+        observes=start.observes,
     )
     summary |= perturbation_summary(cfg)
     if cfg.change:
@@ -87,11 +88,13 @@ class _Start(NamedTuple):
             other episodes, so no table has both.
         is_reactive: Whether the pedestrian model is reactive.
         privileged: Whether the policy reads the true state.
+        observes: What the policy may read, :data:`navrl.policies.sight.SOURCES`.
     """
 
     simulator: str
     is_reactive: bool
     privileged: bool
+    observes: list[str]
 
 
 def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
@@ -103,10 +106,11 @@ def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
     evaluated = make_evaluated_policy(small, controller=controller)
     simulator = base_env(evaluated.env).simulator
     name, pedestrians = cfg.simulator["_target_"].rpartition(".")[2], simulator.pedestrians
-    evaluated.env.close()
+    privileged, observes = is_privileged(evaluated.policy), evaluated.observes
+    evaluated.close()
     if pedestrians.is_reactive:
         name = f"{name} with {type(pedestrians).__name__}"
-    return _Start(name, pedestrians.is_reactive, is_privileged(evaluated.policy))
+    return _Start(name, pedestrians.is_reactive, privileged, observes)
 
 
 @lru_cache(maxsize=16)
@@ -132,5 +136,5 @@ def record(cfg: DictConfig) -> Recording:
     is_bundle = bundle_folder(cfg.policy) is not None
     evaluated = make_evaluated_policy(cfg, with_attention=is_bundle)
     recording = record_episode(evaluated.env, evaluated.policy, scenario)
-    evaluated.env.close()
+    evaluated.close()
     return recording

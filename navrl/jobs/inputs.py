@@ -78,8 +78,9 @@ def _own_modules(cfg: DictConfig, policy: Mapping[str, Any]) -> dict[str, str]:
     """Return hashes of the modules outside navrl that the configuration or policy names."""
     plain = {key: part for key, part in policy.items() if not isinstance(part, bytes)}
     values = [*flat_values(cfg).items(), *flat_values(OmegaConf.create(plain)).items()]
-    targets = {v for k, v in values if k.endswith("_target_") and v}
-    names = {str(target).rpartition(".")[0] for target in targets} | set(cfg.get("allow", ()))
+    targets = {v for k, v in values if k.endswith(("_target_", "reference")) and isinstance(v, str)}
+    modules = {target.replace(":", ".").rpartition(".")[0] for target in targets}
+    names = modules | set(cfg.get("allow", ()))
     files = {name: _source_of(name) for name in sorted(names) if name.split(".")[0] != "navrl"}
     return {k: hashlib.sha256(file.read_bytes()).hexdigest() for k, file in files.items() if file}
 
@@ -111,6 +112,9 @@ def policy_parts(cfg: DictConfig) -> dict[str, Any]:
         plain = OmegaConf.to_container(with_controller(cfg).controller, resolve=True)
         node = cast(dict[str, Any], plain)
         values = flat_values(OmegaConf.create(node)).values()
-        files = {value: Path(value) for value in values if isinstance(value, str)}
+        words = [
+            word for value in values for word in (value if isinstance(value, list) else [value])
+        ]
+        files = {word: Path(word) for word in words if isinstance(word, str)}
         return node | {name: file.read_bytes() for name, file in files.items() if file.is_file()}
     return bundle_files(folder)

@@ -62,7 +62,7 @@ def measure_latency(cfg: DictConfig, folder: Path) -> Mapping[str, float] | None
         for scenario in scenarios:
             clock.start_episode()
             evaluate(evaluated.env, clock, ScenarioBatch.pack([scenario]))
-    evaluated.env.close()
+    evaluated.close()
     found = {**controller_latency(clock.decisions), "episodes": count}
     write_json(file, found, indent=2)
     return found

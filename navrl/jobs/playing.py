@@ -43,6 +43,9 @@ class Playable(Protocol):
     policy: Callable[[TensorDictBase], TensorDictBase]
     env: TransformedEnv
 
+    def close(self) -> None:
+        """Close the environment, and the connection of a remote policy."""
+
 
 def play_suite(
     cfg: DictConfig,
@@ -132,7 +135,7 @@ class _Player:
         )
 
     def close(self) -> None:
-        self._evaluated.env.close()
+        self._evaluated.close()
 
 
 def _play(arguments: tuple, chunks: list[range], processes: int) -> Iterator[Chunk]:

@@ -86,20 +86,27 @@ class PredictingPolicy(Controller):
 class StableBaselines3Policy(PredictingPolicy):
     """Play a model that stable-baselines3 saved as a zip.
 
-    Loading a zip runs code that is stored in it: load only files that you trust.
+    Loading a zip runs code that is stored in it (it has pickles): load only files that you trust.
 
     Args:
         file: Zip written by ``model.save``.
+        trusted: Must be true: the user trusts the file.
         algorithm: Class in ``stable_baselines3`` that saved it, e.g. ``PPO``, ``SAC`` or ``TD3``.
 
     Raises:
         ImportError: If stable-baselines3 is not installed.
-        ValueError: If there is no such algorithm or file, or the model does not fit.
+        ValueError: If the file is not trusted, there is no such algorithm or file, or the model
+            does not fit.
     """
 
     requires = ("stable_baselines3",)
 
-    def __init__(self, file: str | Path, algorithm: str = "PPO") -> None:
+    def __init__(self, file: str | Path, algorithm: str = "PPO", trusted: bool = False) -> None:
+        if trusted is not True:
+            raise ValueError(
+                f"file={file}: loading it runs code that is stored in it (pickles); if you trust "
+                "the file, set trusted=true"
+            )
         try:
             import stable_baselines3  # pyright: ignore[reportMissingImports] -- an extra
         except ImportError as error:

@@ -9,6 +9,7 @@ from navrl.training.engines import DistributedCollector, ProcessCollector, RayCo
 from navrl.training.interruption import TrainingStoppedError
 from navrl.training.metrics_log import MetricsLog
 from navrl.training.replay import Replay
+from navrl.training.rollouts import Rollouts
 from navrl.training.schedule import Progress, Schedule
 from navrl.training.trainer import Trainer
 
@@ -25,6 +26,7 @@ __all__ = [
     "Progress",
     "RayCollector",
     "Replay",
+    "Rollouts",
     "Schedule",
     "Trainer",
     "TrainingStoppedError",

@@ -3,8 +3,10 @@
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium import wrappers
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
+from torchrl.envs import GymWrapper
 
 import navrl  # noqa: F401  registers the environment
 from navrl.envs import Outcome
@@ -122,3 +124,82 @@ def test_human_window(monkeypatch):
     env.step(STOP[0])
     assert env.window is not None
     env.close()
+
+
+# --- the batched vector environment --------------------------------------------------------------
+
+
+def make_batched(overrides=SHORT, num_envs=3, **kwargs):
+    return gymnasium.make_vec(
+        "navrl/Navigation-v0",
+        num_envs,
+        vectorization_mode="vector_entry_point",
+        overrides=overrides,
+        **kwargs,
+    )
+
+
+def cleanrl_chain(seed):
+    """The wrappers of CleanRL's ``ppo_continuous_action.py``, in its order."""
+    env = gymnasium.make(
+        "navrl/Navigation-v0", overrides=SHORT, observation="transformed", action="normalized"
+    )
+    env = wrappers.FlattenObservation(env)
+    env = wrappers.RecordEpisodeStatistics(env)
+    env = wrappers.ClipAction(env)
+    env = wrappers.NormalizeObservation(env)
+    env = wrappers.TransformObservation(
+        env, lambda values: np.clip(values, -10, 10), env.observation_space
+    )
+    env = wrappers.NormalizeReward(env, gamma=0.98)
+    env = wrappers.TransformReward(env, lambda reward: np.clip(reward, -10, 10))
+    env.action_space.seed(seed)
+    return env
+
+
+def test_cleanrls_chain_of_wrappers():
+    envs = SyncVectorEnv([lambda: cleanrl_chain(0)] * 2)
+    observations, _ = envs.reset(seed=1)
+    assert observations.shape == (2, 180 * 2 + 30 * 4 + 5 * 2)
+    lengths = []
+    for _ in range(8):
+        observations, rewards, _, _, infos = envs.step(envs.action_space.sample())
+        assert np.isfinite(observations).all() and np.isfinite(rewards).all()
+        lengths += infos["episode"]["l"][infos["_episode"]].tolist() if "episode" in infos else []
+    assert lengths == [3] * 4
+
+
+def test_vector_wrappers_on_the_batched_environment(tmp_path):
+    envs = make_batched(observation="transformed", action="normalized")
+    envs = wrappers.vector.RecordEpisodeStatistics(envs)
+    envs = wrappers.vector.FlattenObservation(envs)
+    envs = wrappers.vector.ClipAction(envs)
+    envs = wrappers.vector.NormalizeObservation(envs)
+    envs = wrappers.vector.NormalizeReward(envs)
+    observations, _ = envs.reset(seed=1)
+    assert observations.shape == (3, 490)
+    lengths = []
+    for _ in range(8):
+        observations, _, _, _, infos = envs.step(envs.action_space.sample())
+        lengths += infos["episode"]["l"][infos["_episode"]].tolist() if "episode" in infos else []
+    assert np.isfinite(observations).all() and lengths == [3] * 6
+
+
+def test_record_video_of_the_batched_environment(tmp_path):
+    pytest.importorskip("moviepy")
+    envs = wrappers.vector.RecordVideo(
+        make_batched(num_envs=2, render_mode="rgb_array"), str(tmp_path), video_length=4
+    )
+    envs.reset(seed=0)
+    for _ in range(5):
+        envs.step(envs.action_space.sample())
+    envs.close()
+    videos = list(tmp_path.glob("*.mp4"))
+    assert videos and all(video.stat().st_size > 1000 for video in videos)
+
+
+def test_torchrl_wraps_the_batched_environment():
+    env = GymWrapper(make_batched(autoreset_mode="SameStep"))
+    batch = env.rollout(7, break_when_any_done=False)
+    assert batch["next", "done"].squeeze(-1).sum().item() == 6
+    assert batch["next", "outcome"].tolist() == [[0, 0, Outcome.TIMEOUT] * 2 + [0]] * 3

@@ -86,6 +86,21 @@ def test_documented_training_runs(capsys):
     assert "episodes ended" in capsys.readouterr().out
 
 
+def test_sac_trains_on_the_transformed_observation():
+    env = make_vec_env(
+        "navrl/Navigation-v0",
+        1,
+        env_kwargs={
+            "overrides": ["scenario=corridor", "pool_size=4", "environment.time_limit_steps=3"],
+            **{"observation": "transformed", "action": "normalized"},
+        },
+    )
+    model = sb3.SAC("MultiInputPolicy", env, learning_starts=4, batch_size=4, buffer_size=50)
+    model.learn(8)
+    assert model.action_space.low.tolist() == [-1.0, -1.0]
+    assert sorted(model.observation_space.spaces) == ["spatial", "temporal", "waypoints_scaled"]
+
+
 def test_monitor_logs_success(tmp_path):
     base = gymnasium.make("navrl/Navigation-v0", overrides=SHORT)
     env = Monitor(base, str(tmp_path / "log"), info_keywords=("is_success", "outcome"))

@@ -9,12 +9,14 @@ import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-import navrl  # noqa: F401  registers the environment
-from navrl.config import compose
+import navrl
+from navrl.config import compose, instantiate
 from navrl.envs import Outcome
 from navrl.envs.gymnasium import GymnasiumNavigation
-from navrl.factory import make_gymnasium_env
-from navrl.factory.gymnasium import EFFECTIVE
+from navrl.evaluation.recorder import record_episode
+from navrl.factory import make_evaluated_policy, make_gymnasium_env
+from navrl.factory.overrides import EFFECTIVE
+from navrl.policies import load_actor
 from navrl.viz.live import FRAME_PIXELS, LiveScene
 
 SMALL = ["scenario=corridor", "pool_size=4", "num_threads=1", "empty_share=0"]
@@ -266,7 +268,7 @@ def test_effective_overrides_have_their_effect():
     [
         ({"overrides": "scenario=corridor"}, "overrides='scenario=corridor': must be a list"),
         ({"overrides": ["pool_size=many"]}, "pool_size=many: must be int"),
-        ({"render_mode": "ansi"}, "render_mode='ansi': must be None or one of"),
+        ({"render_mode": "ansi"}, "render_mode='ansi': must be one of None, 'rgb_array'"),
     ],
 )
 def test_wrong_values_are_named(kwargs, message):
@@ -280,11 +282,88 @@ def test_unknown_keyword_is_a_type_error():
         gymnasium.make("navrl/Navigation-v0", typo=1)
 
 
-def test_reset_options_are_rejected():
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"suite": "table1"}, r"options=\{'suite': 'table1'\}: must be None, empty, or have suite"),
+        ({"suite": "tabel1", "index": 0}, "options.suite='tabel1': must be .*did you mean table1"),
+        ({"suite": "smoke", "index": 9_999}, "index 9999: suite"),
+        ({"suite": "smoke", "index": [0, 1]}, r"options.index=\[0, 1\]: must be an integer$"),
+    ],
+)
+def test_wrong_reset_options_are_named(options, message):
     env = make()
-    with pytest.raises(ValueError, match=r"options=\{'suite': 'table1'\}: must be None"):
-        env.reset(options={"suite": "table1"})
+    with pytest.raises(ValueError, match=message):
+        env.reset(options=options)
     env.reset(options={})
+
+
+def test_frozen_episode_is_that_of_the_evaluation():
+    evaluated = make_evaluated_policy(compose("evaluate", ["policy=stand_still", "num_worlds=1"]))
+    (scenario,) = instantiate(compose("evaluate", ["suite=table1"]).suite).scenarios([3])
+    recorded = record_episode(evaluated.env, evaluated.policy, scenario)
+    env = gymnasium.make("navrl/Navigation-v0", overrides=SMALL)
+    for _ in range(2):
+        env.reset()  # another episode before
+        played = [env.reset(options={"suite": "table1", "index": 3})[0]]
+        played += [env.step(STOP)[0] for _ in range(3)]
+        for observation, ranges, pose in zip(played, recorded.ranges, recorded.pose, strict=False):
+            assert np.array_equal(observation["ranges"], ranges)
+            assert np.array_equal(observation["pose"], pose.astype(np.float32))
+    assert not np.array_equal(env.reset()[0]["ranges"], played[0]["ranges"])
+
+
+# --- what the networks read, and what they write -------------------------------------------------
+
+
+@pytest.mark.parametrize("action", ["physical", "normalized"])
+def test_transformed_observation_passes_check_env(action):
+    check_env(make(observation="transformed", action=action).unwrapped)
+
+
+def test_transformed_observation_is_that_of_training():
+    gym_env = make(observation="transformed", action="normalized")
+    observation, _ = gym_env.reset(seed=5)
+    assert {key: box.shape for key, box in gym_env.observation_space.items()} == {
+        **{"spatial": (180, 2), "temporal": (30, 4), "waypoints_scaled": (5, 2)}
+    }
+    assert gym_env.action_space == gymnasium.spaces.Box(-1.0, 1.0, (2,))
+    env = navrl.make(SMALL, num_worlds=1, seed=None)
+    env.set_seed(5)
+    td = env.reset()
+    action = np.array([0.4, -0.2], np.float32)
+    for _ in range(4):
+        for key, value in observation.items():
+            assert np.array_equal(value, td[key][0].numpy())
+        observation, reward, *_ = gym_env.step(action)
+        td = env.step(td.set("action", torch.from_numpy(action)[None]))["next"]
+        assert reward == td["reward"].item()
+
+
+def test_normalized_action_is_a_scaled_command():
+    scaled, physical = make(action="normalized"), make()
+    for env in (scaled, physical):
+        env.reset(seed=2)
+    for _ in range(3):
+        first = scaled.step(np.array([0.0, 0.5], np.float32))[0]
+        second = physical.step(np.array([0.5, 0.5 * np.pi], np.float32))[0]
+        assert all(np.allclose(first[key], second[key], atol=1e-5) for key in first)
+
+
+def test_networks_input_follows_the_experiment():
+    env = gymnasium.make(
+        "navrl/Navigation-v0",
+        overrides=["experiment=liang", "pool_size=2", "num_threads=1"],
+        observation="transformed",
+    )
+    agent = load_actor("liang")
+    assert list(env.observation_space) == sorted(agent.in_keys)
+
+
+@pytest.mark.parametrize("name", ["observation", "action"])
+def test_unknown_choices_are_named(name):
+    with pytest.raises(ValueError, match=f"{name}='pixels': must be one of '.*', '.*'"):
+        make_gymnasium_env(**{name: "pixels"})
 
 
 @pytest.mark.parametrize("action", [[0.0, 0.0, 0.0], [[0.0], [0.0]], 0.0])

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from navrl.evaluation.comparison import ComparisonRow, ComparisonTable
+from navrl.evaluation.observed import observed_text
 from navrl.evaluation.pairing import MetricComparison
 from navrl.evaluation.statistics import (
     MIN_PAIRS,
@@ -33,8 +34,10 @@ def comparison_table(table: ComparisonTable) -> str:
     if published:
         header += ["paper's own success", "paper's own time, s"]
     body = "".join(_row(row, bool(table.reference), published) for row in table.rows)
-    note = "<p>* privileged: reads the true state of walls and pedestrians.</p>"
-    return _sortable(header, body) + (note if any(row.is_privileged for row in table.rows) else "")
+    notes = [observed_text(table.rows, escape)]
+    if any(row.is_privileged for row in table.rows):
+        notes.insert(0, "* privileged: reads the true state of walls and pedestrians.")
+    return _sortable(header, body) + "".join(f"<p>{note}</p>" for note in notes if note)
 
 
 def _sortable(header: Sequence[str], body: str, num_words: int = 1) -> str:

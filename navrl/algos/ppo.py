@@ -1,0 +1,178 @@
+"""Proximal policy optimization (PPO)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from torch import Tensor
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from navrl import keys
+from navrl.algos.distributions import stochastic_policy
+from navrl.algos.precision import Precision
+from navrl.algos.protocols import NonFiniteUpdateError
+from navrl.checks import check_counts, check_positive
+
+_LOSSES = ("loss_objective", "loss_critic")
+_SCALARS = (*_LOSSES, "kl_approx", "clip_fraction")
+
+
+class StateValue(TensorDictModuleBase):
+    """Value of a state by a critic of states and actions, whose action input is always zero.
+
+    Args:
+        critic: Module that writes ``state_action_value`` from ``action`` and the observation.
+        action_size: Number of action dimensions.
+    """
+
+    def __init__(self, critic: TensorDictModule, action_size: int) -> None:
+        """Take the keys of the critic without the action."""
+        super().__init__()
+        self.critic, self.action_size = critic, action_size
+        self.in_keys = [str(key) for key in critic.in_keys if key != keys.ACTION]
+        self.out_keys = ["state_value"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write ``state_value [*B, 1]``."""
+        seen = tensordict.select(*self.in_keys)
+        action = torch.zeros(*tensordict.batch_size, self.action_size, device=tensordict.device)
+        value = self.critic(seen.set(keys.ACTION, action)).get(keys.STATE_ACTION_VALUE)
+        return tensordict.set("state_value", value)
+
+
+class PPO:
+    """PPO with TorchRL's clipped loss and generalized advantages, from whole rollouts.
+
+    The actor writes the mean action and is what drives and is saved. The distribution around it
+    has a fixed deviation before the tanh; experience must be collected with exactly that noise
+    (:class:`navrl.algos.SquashedExploration`), in all worlds, and by one policy per rollout
+    (:class:`navrl.training.Rollouts`). So the probability of an action at its collection is
+    computed at the beginning of an update.
+
+    Args:
+        actor: Module that writes ``action`` in [-1, 1].
+        critic: Module that writes ``state_action_value``; its action input is set to zero.
+        action_size: Number of action dimensions.
+        gamma: Discount factor per step.
+        gae_lambda: Decay of the advantages' trace per step.
+        deviation: Of the noise before the tanh.
+        clip: The ratio of probabilities is clipped to 1 - clip and 1 + clip.
+        learning_rate: Adam step size of all weights; decreases linearly to zero.
+        epochs: Passes over a rollout per update.
+        minibatch_size: Transitions per gradient step.
+        max_gradient_norm: The gradient of all weights is clipped to this norm.
+
+    Raises:
+        ValueError: If an argument is out of range.
+
+    Reference:
+        Schulman et al., "Proximal Policy Optimization Algorithms", arXiv 1707.06347.
+    """
+
+    def __init__(
+        self,
+        actor: TensorDictModule,
+        critic: TensorDictModule,
+        action_size: int = 2,
+        gamma: float = 0.98,
+        gae_lambda: float = 0.95,
+        deviation: float = 0.4,
+        clip: float = 0.2,
+        learning_rate: float = 3e-4,
+        epochs: int = 4,
+        minibatch_size: int = 1024,
+        max_gradient_norm: float = 1.0,
+    ) -> None:
+        """Check the values, then build loss, advantage and optimizer."""
+        if not 0 <= gamma <= 1 or not 0 <= gae_lambda <= 1:
+            raise ValueError(f"gamma={gamma}, gae_lambda={gae_lambda}: must be in [0, 1]")
+        check_positive(deviation=deviation, clip=clip, learning_rate=learning_rate)
+        check_positive(max_gradient_norm=max_gradient_norm)
+        check_counts(epochs=epochs, minibatch_size=minibatch_size)
+        self.actor, self.max_gradient_norm = actor, max_gradient_norm
+        self.epochs, self.minibatch_size = epochs, minibatch_size
+        device = next(actor.parameters()).device
+        self.precision = Precision("float32", device)
+        self.policy = stochastic_policy(actor, action_size, deviation, is_learned=False)
+        value = StateValue(critic, action_size)
+        self.loss = ClipPPOLoss(
+            self.policy,
+            value,  # pyright: ignore[reportArgumentType] -- any module with keys
+            clip_epsilon=clip,
+            entropy_bonus=False,
+            normalize_advantage=True,
+        ).to(device)
+        self.advantage = GAE(
+            gamma=gamma,
+            lmbda=gae_lambda,
+            value_network=value,  # pyright: ignore[reportArgumentType]
+            deactivate_vmap=True,
+        )
+        self._weights = [value for value in self.loss.parameters() if value.requires_grad]
+        self._learning_rate = learning_rate
+        self.optimizer = torch.optim.Adam(self._weights, learning_rate)
+
+    def update(self, rollout: TensorDictBase) -> dict[str, Tensor]:
+        """Take the gradient steps of all epochs on a rollout.
+
+        Args:
+            rollout: ``[N, T]`` transitions of N worlds in T steps, in order.
+
+        Returns:
+            Detached scalars, means over the gradient steps: the losses, the approximate
+            Kullback-Leibler divergence and the share of clipped ratios.
+
+        Raises:
+            NonFiniteUpdateError: If a scalar is NaN or infinite; earlier steps of the same rollout
+                have changed the weights.
+        """
+        with torch.no_grad():
+            distribution = self.policy.get_dist(rollout.copy())
+            probability = distribution.log_prob(rollout.get(keys.ACTION))
+            name = str(self.loss.tensor_keys.sample_log_prob)
+            rollout = rollout.copy().set(name, probability)
+            self.advantage(rollout)
+        steps, found = rollout.reshape(-1), []
+        for _ in range(self.epochs):
+            for rows in torch.randperm(len(steps)).split(self.minibatch_size):
+                found.append(self._step(steps[rows]))
+        return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
+
+    def _step(self, batch: TensorDictBase) -> dict[str, Tensor]:
+        """Take one gradient step on ``[B]`` transitions."""
+        terms = self.loss(batch)
+        self.optimizer.zero_grad()
+        torch.stack([terms[name] for name in _LOSSES]).sum().backward()
+        norm = torch.nn.utils.clip_grad_norm_(self._weights, self.max_gradient_norm)
+        scalars = {name: terms[name].detach().mean() for name in _SCALARS}
+        scalars["gradient_norm"] = norm.detach()
+        if not torch.stack(list(scalars.values())).isfinite().all():
+            raise NonFiniteUpdateError(scalars, batch)
+        self.optimizer.step()
+        return scalars
+
+    def update_from_each(self, batches: TensorDictBase) -> dict[str, Tensor]:
+        """Update from each rollout of ``[K, N, T]``; return sums of the scalars."""
+        scalars = [self.update(rollout) for rollout in batches.unbind(0)]
+        return {name: torch.stack([each[name] for each in scalars]).sum() for name in scalars[0]}
+
+    def anneal(self, share_done: float) -> None:
+        """Decrease the learning rate linearly to zero."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._learning_rate * max(1.0 - share_done, 0.0)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the weights and the state of the optimizer."""
+        return {"loss": self.loss.state_dict(), "optimizer": self.optimizer.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore a copy of a state of :meth:`state_dict`."""
+        copied = deepcopy(dict(state))
+        self.loss.load_state_dict(copied["loss"])
+        self.optimizer.load_state_dict(copied["optimizer"])
