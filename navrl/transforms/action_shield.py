@@ -14,6 +14,7 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
+from navrl.ops.exporting import is_exporting
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.returns import finite_returns
 from navrl.transforms.action_map import ActionMap
@@ -182,6 +183,9 @@ class ActionShield(ActionMap):
         scene = self._scene(points, returns, tagd, valid, state)
         asked = command.to(scene.points.dtype)
         blocked = self._spare(asked.unsqueeze(1), scene)[:, 0] <= 0.0
+        if is_exporting():
+            instead = self._most_similar_in_graph(blocked, asked, scene)
+            return torch.where(blocked.unsqueeze(-1), instead.to(command.dtype), command)
         rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
         if not len(rows):
             return command
@@ -210,7 +214,7 @@ class ActionShield(ActionMap):
         base = self._known_base()
         if base.scan_age_s:
             points = points + base.scan_age_s / self.time_step * motion
-        velocity = state[0] if state else points.new_zeros(len(points), 2)
+        velocity = state[0] if state else points.new_zeros(points.shape[0], 2)
         given = torch.stack(list(state[1:]), dim=1) if len(state) > 1 else velocity[:, None]
         required = self._required(points, motion)
         return Scene(points, motion, required, velocity, given, base, self._times(base))
@@ -239,17 +243,44 @@ class ActionShield(ActionMap):
 
     def _most_similar(self, command: Tensor, scene: Scene) -> Tensor:
         """Return the most similar allowed command for each command, ``[R, 2]``."""
-        grid = self._grid.to(command).expand(len(command), -1, -1)
-        candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
+        candidates = self._candidates(command)
         spare = self._spare(candidates, scene)
         stuck = (spare.amax(-1) <= 0.0).nonzero()[:, 0]
         if len(stuck):
             spare[stuck] = self._of_latest_contact(spare[stuck], candidates[stuck], scene[stuck])
+        return self._nearest_allowed(command, candidates, spare)
+
+    def _most_similar_in_graph(self, blocked: Tensor, command: Tensor, scene: Scene) -> Tensor:
+        """Return :meth:`_most_similar` of the blocked rows in an exported graph.
+
+        The grid is evaluated for all rows or for none, since a graph has no varying number of rows.
+        """
+        candidates = self._candidates(command)
+
+        def spare_of(candidates: Tensor) -> Tensor:
+            return self._spare(candidates, scene)
+
+        def delayed(candidates: Tensor, spare: Tensor, stuck: Tensor) -> Tensor:
+            latest = self._of_latest_contact(spare, candidates, scene)
+            return torch.where(stuck.unsqueeze(-1), latest, spare)
+
+        spare = torch.cond(blocked.any(), spare_of, _zeros, (candidates,))
+        stuck = blocked & (spare.amax(-1) <= 0.0)
+        spare = torch.cond(stuck.any(), delayed, _unchanged, (candidates, spare, stuck))
+        return self._nearest_allowed(command, candidates, spare)
+
+    def _candidates(self, command: Tensor) -> Tensor:
+        """Return the requested command and the grid for each command, ``[R, S, 2]``."""
+        grid = self._grid.to(command).expand(command.shape[0], -1, -1)
+        return torch.cat([command.unsqueeze(1), grid], dim=1)
+
+    def _nearest_allowed(self, command: Tensor, candidates: Tensor, spare: Tensor) -> Tensor:
+        """Return the candidate most similar to the command among those of enough ``spare``."""
         largest = spare.amax(-1, keepdim=True)
         enough = torch.where(largest > 0.0, 0.0, largest - _TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
         nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
-        return candidates[torch.arange(len(command), device=command.device), nearest]
+        return candidates[torch.arange(command.shape[0], device=command.device), nearest]
 
     def _of_latest_contact(self, spare: Tensor, candidates: Tensor, scene: Scene) -> Tensor:
         """Return ``spare [R, S]`` of the candidates whose first contact is latest, else -inf.
@@ -264,8 +295,8 @@ class ActionShield(ActionMap):
         until = free.cumprod(-1).sum(-1)
         latest = until == until.amax(-1, keepdim=True)
         spare = torch.where(latest, spare, -math.inf)
-        spare[:, 0] = torch.where(latest[:, 0], math.inf, spare[:, 0])
-        return spare
+        asked = torch.where(latest[:, :1], math.inf, spare[:, :1])
+        return torch.cat([asked, spare[:, 1:]], dim=1)
 
     def _spare(self, commands: Tensor, scene: Scene) -> Tensor:
         """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
@@ -279,6 +310,14 @@ class ActionShield(ActionMap):
         places = scene.base.places(commands, *motion)
         steps = [time / self.time_step for time in times]
         return room_along(places, scene.points, scene.motion, steps, required)
+
+
+def _zeros(candidates: Tensor) -> Tensor:
+    return torch.zeros_like(candidates[..., 0])
+
+
+def _unchanged(candidates: Tensor, spare: Tensor, stuck: Tensor) -> Tensor:
+    return spare.clone()
 
 
 def _check_sizes(
