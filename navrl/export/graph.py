@@ -13,21 +13,45 @@ from torch import Tensor, nn
 from torchrl.envs import ActionScaling, Compose, Transform, TransformedEnv
 
 from navrl import keys
+from navrl.checks import check_positive
+from navrl.deploy import SafetyLimits
 from navrl.deploy.sensor_env import SensorEnv, read_keys
+from navrl.export.guard import Guard
 from navrl.sim import Delays, Lidar, RobotModel
 from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
-from navrl.worlds.scenario import MAX_PATH_POINTS
 
-STARTED, COMMANDS = "started", "commands"
+STARTED = "started"  # [B] bool, whether the state holds an observation
+COMMANDS = "commands"  # [B, D, C] last commands, latest first, e.g. (v, w) in m/s and rad/s
+_AHEAD = (keys.MOTION_AHEAD, keys.VELOCITY_AHEAD)
+_GIVEN = (keys.RANGES, keys.POSE, keys.PATH, keys.VELOCITY, keys.SCAN_MOTION)
 
 
 class DriveGraph(nn.Module):
     """Map sensor values and the state of the last step to a command and the next state.
 
-    The transforms, the network and the scaling of the action are those of
-    :class:`navrl.deploy.PolicyRunner`. What a transform reads of the step before is an input, and
-    an output of the step before.
+    Transforms, network, scaling of the action and checks are those of
+    :class:`navrl.deploy.PolicyRunner`. What a step of the pipeline reads from the step before is an
+    input, and an output for the step after. Where ``started`` is false, the state is ignored, as
+    after :meth:`navrl.deploy.PolicyRunner.reset`.
+
+    Args:
+        transforms: Map raw observations to network inputs; they are cloned.
+        actor: Writes an action in [-1, 1].
+        lidar: Lidar of the training.
+        robot: Limits of the command.
+        limits: Conditions under which the robot may drive; defaults of
+            :class:`navrl.deploy.SafetyLimits`.
+        delays: Delays of scans and commands; ``None`` for none.
+        time_step_s: Time between two steps, s, to which the delays relate.
+
+    Attributes:
+        sensors: Zeros ``[1, ...]`` for each sensor value that the policy reads, by key.
+        state: Zeros ``[1, ...]`` for each value of the state, by key.
+
+    Raises:
+        ValueError: If the transforms do not fit the lidar, or the actor is not a network with the
+            single output ``action``.
     """
 
     def __init__(
@@ -36,99 +60,115 @@ class DriveGraph(nn.Module):
         actor: TensorDictModule,
         lidar: Lidar,
         robot: RobotModel,
+        limits: SafetyLimits | None = None,
         delays: Delays | None = None,
         time_step_s: float = 0.2,
     ) -> None:
         super().__init__()
+        check_positive(time_step_s=time_step_s)
         check_lidar(transforms, lidar)
+        if actor.out_keys != [keys.ACTION] or keys.ACTION in actor.in_keys:
+            raise ValueError(f"actor.out_keys={actor.out_keys}: must be a network with ['action']")
         delays = Delays() if delays is None else delays
         self._base = Base(robot, delays.nominal_command_delays_s, delays.nominal_scan_age_s)
         env = TransformedEnv(SensorEnv(lidar, self._base), transforms.clone())
         env.append_transform(ActionScaling())
-        env.action_spec  # noqa: B018
-        self._env, self._steps, self.actor = env, list(cast(Compose, env.transform)), actor
-        self._robot, self.time_step_s = robot, time_step_s
-        needed = read_keys(transforms)
-        ahead = {keys.MOTION_AHEAD, keys.VELOCITY_AHEAD} & needed
-        moves = {keys.POSE, keys.SCAN_MOTION} & needed
-        sensors = {keys.RANGES, keys.PATH} & needed | moves
-        if keys.VELOCITY in needed or ahead:
-            sensors.add(keys.VELOCITY)
-        specs = env.base_env.observation_spec
-        self.sensors = {k: specs[k].shape[1:] for k in specs.keys() if k in sensors}
-        self.dtypes = {k: specs[k].dtype for k in self.sensors}
-        count = max(1, math.ceil(max(self._base.command_delays_s) / time_step_s))
-        self._num_commands = count if keys.COMMAND in needed or ahead else 0
-        self.low, self.high = robot.bounds()
-        self.state = self._find_state()
+        env.action_spec  # noqa: B018, reports a mismatch now
+        self._env, self._steps = env, list(cast(Compose, env.transform))
+        self._network, self._in_keys = actor.module, list(actor.in_keys)
+        self._guard = Guard(lidar, robot, SafetyLimits() if limits is None else limits)
+        self._low, self._high = robot.bounds()
+        self.time_step_s, self.command_size = float(time_step_s), robot.command_size
+        self._reads_measured = not lidar.coverage.is_full
+        self.sensors = self._find_sensors(read_keys(transforms))
+        self.state = self._find_state(keys.COMMAND in read_keys(transforms))
 
-    def sensed(self, values: Mapping[str, Tensor], commands: Tensor | None) -> TensorDict:
-        data = TensorDict(dict(values), [values[keys.RANGES].shape[0]])
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Return the command ``[B, C]``, the state of the drive ``[B]`` and the next state.
+
+        Args:
+            inputs: The values of :attr:`sensors`, then of :attr:`state`, ``[B, ...]``.
+        """
+        sensors = dict(zip(self.sensors, inputs[: len(self.sensors)], strict=True))
+        before = dict(zip(self.state, inputs[len(self.sensors) :], strict=True))
+        started, commands = before[STARTED], before.get(COMMANDS)
+        past = TensorDict({key: before[key] for key in self._carried}, [started.shape[0]])
+        now = self._observed(sensors, commands)
+        for step in self._steps:
+            now = _observe(step, past, now, started)
+        now.set(keys.ACTION, self._network(*(now.get(key) for key in self._in_keys)))
+        state = self._guard.sensed(
+            sensors[keys.RANGES], sensors.get(keys.POSE), sensors.get(keys.PATH)
+        )
+        others = [sensors[key] for key in (keys.VELOCITY, keys.SCAN_MOTION) if key in sensors]
+        asked = self._command(now)
+        state, stored = self._guard.decided(state, asked, *others)
+        limited = torch.minimum(torch.maximum(asked, self._low), self._high)
+        command = torch.where((state == 0).unsqueeze(-1), limited, 0.0)  # 0: DriveState.DRIVE
+        after = {STARTED: stored | started}
         if commands is not None:
-            data.set(keys.COMMAND, commands[:, 0])
-            ahead = self._base.ahead(values[keys.VELOCITY], commands, self.time_step_s)
-            data.set(keys.MOTION_AHEAD, ahead[0])
-            data.set(keys.VELOCITY_AHEAD, ahead[1])
-        return data
+            after[COMMANDS] = torch.cat([command.unsqueeze(1), commands[:, :-1]], dim=1)
+        for key in self._carried:
+            after[key] = torch.where(_like(stored, before[key]), now.get(key), before[key])
+        return (command, state, *(after[key] for key in self.state))
 
-    def _find_state(self) -> dict[str, Tensor]:
-        values = {k: torch.zeros(1, *s, dtype=self.dtypes[k]) for k, s in self.sensors.items()}
-        commands = None
-        if self._num_commands:
-            commands = torch.zeros(1, self._num_commands, self._robot.command_size)
-        past = self.sensed(values, commands)
+    @property
+    def _carried(self) -> list[str]:
+        return [key for key in self.state if key not in (STARTED, COMMANDS)]
+
+    def _observed(self, sensors: Mapping[str, Tensor], commands: Tensor | None) -> TensorDict:
+        """Return the observations that the transforms read."""
+        ranges = sensors[keys.RANGES]
+        now = TensorDict(dict(sensors), [ranges.shape[0]])
+        now.set(keys.RANGES, self._guard.cleaned(ranges))
+        if self._reads_measured:
+            now.set(keys.MEASURED, self._guard.usable(ranges))
+        if commands is not None:
+            now.set(keys.COMMAND, commands[:, 0])
+        if keys.VELOCITY in sensors:
+            given = now.get(keys.VELOCITY).unsqueeze(1) if commands is None else commands
+            ahead = self._base.ahead(sensors[keys.VELOCITY], given, self.time_step_s)
+            now.update(dict(zip(_AHEAD, ahead, strict=True)))
+        return now
+
+    def _command(self, now: TensorDictBase) -> Tensor:
+        """Return the command ``[B, C]`` of the action."""
+        for step in reversed(self._steps):
+            if step.in_keys_inv:
+                now = step._inv_call(now.copy())
+        return now.get(keys.ACTION)
+
+    def _find_sensors(self, needed: set[str]) -> dict[str, Tensor]:
+        sensors = [key for key in _GIVEN if key in needed or key == keys.RANGES]
+        if needed & set(_AHEAD) and keys.VELOCITY not in sensors:
+            sensors.append(keys.VELOCITY)
+        specs = self._env.base_env.observation_spec
+        return {key: specs[key].zero() for key in sensors}
+
+    def _find_state(self, reads_command: bool) -> dict[str, Tensor]:
+        """Return zeros for what the steps read of the step before."""
+        state = {STARTED: torch.zeros(1, dtype=torch.bool)}
+        delay = max(self._base.command_delays_s)
+        if reads_command or (delay and keys.VELOCITY in self.sensors):
+            count = max(1, math.ceil(delay / self.time_step_s))
+            state[COMMANDS] = torch.zeros(1, count, self.command_size)
+        past = self._observed(self.sensors, state.get(COMMANDS))
+        now = past.copy()
         for step in self._steps:
             past = step._call(past)
         reads = _Reads(past)
-        now = self.sensed(values, commands)
         for step in self._steps:
-            now = step._step(reads, now) if _is_stateful(step) else step._call(now)
-        state = {STARTED: torch.zeros(1, dtype=torch.bool)}
-        if commands is not None:
-            state[COMMANDS] = commands
-        return state | {key: past.get(key) for key in dict.fromkeys(reads.names)}
-
-    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        count = len(self.sensors)
-        values = dict(zip(self.sensors, inputs[:count], strict=True))
-        state = dict(zip(self.state, inputs[count:], strict=True))
-        started, commands = state.pop(STARTED), state.pop(COMMANDS, None)
-        past = TensorDict(state, [started.shape[0]])
-        now = self.sensed(values, commands)
-        for step in self._steps:
-            now = _observe(step, past, now, started)
-        action = self.actor.module(*(now.get(key) for key in self.actor.in_keys))
-        now.set(keys.ACTION, action)
-        data = now
-        for step in reversed(self._steps):
-            if step.in_keys_inv:
-                data = step._inv_call(data)
-        command = torch.minimum(torch.maximum(data.get(keys.ACTION), self.low), self.high)
-        after = {STARTED: torch.ones_like(started)}
-        if commands is not None:
-            after[COMMANDS] = torch.cat([command.unsqueeze(1), commands[:, :-1]], dim=1)
-        after |= {key: now.get(key) for key in state}
-        return (command, *(after[key] for key in self.state))
-
-
-def _is_stateful(step: Transform) -> bool:
-    return type(step)._step is not Transform._step
-
-
-def _observe(step, past, now, started):
-    if not _is_stateful(step):
-        return step._call(now)
-    first = step._call(now.copy())
-    later = step._step(past, now.copy())
-    for key in step.out_keys:
-        is_later = started.reshape(-1, *[1] * (later.get(key).ndim - 1))
-        now.set(key, torch.where(is_later, later.get(key), first.get(key)))
-    return now
+            reader = cast(TensorDictBase, reads)
+            now = step._step(reader, now) if _is_stateful(step) else step._call(now)
+        return state | {key: torch.zeros_like(past.get(key)) for key in dict.fromkeys(reads.names)}
 
 
 class _Reads:
+    """Observations of a step that record which of them are read."""
+
     def __init__(self, data: TensorDictBase) -> None:
-        self._data, self.names = data, []
+        self._data = data
+        self.names: list[str] = []
 
     def get(self, key: str, *default: Any) -> Any:
         self.names.append(key)
@@ -136,3 +176,26 @@ class _Reads:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._data, name)
+
+
+def _is_stateful(step: Transform) -> bool:
+    return type(step)._step is not Transform._step
+
+
+def _observe(
+    step: Transform, past: TensorDictBase, now: TensorDictBase, started: Tensor
+) -> TensorDictBase:
+    """Return the observations with the outputs of a step, which begins where not ``started``."""
+    if not _is_stateful(step):
+        return step._call(now)
+    first, later = step._call(now.copy()), step._step(past, now.copy())
+    outputs: Sequence[str] = [key for key in step.out_keys if isinstance(key, str)]
+    for key in outputs:
+        is_later = _like(started, later.get(key))
+        now.set(key, torch.where(is_later, later.get(key), first.get(key)))
+    return now
+
+
+def _like(flags: Tensor, values: Tensor) -> Tensor:
+    """Return flags ``[B]`` that broadcast to values ``[B, ...]``."""
+    return flags.reshape(-1, *[1] * (values.ndim - 1))
