@@ -99,10 +99,11 @@ def eliminate(matrix: Tensor, vector: Tensor) -> Tensor:
         >>> eliminate(2.0 * torch.eye(3)[None], torch.tensor([[2.0, 4.0, 6.0]]))
         tensor([[1., 2., 3.]])
     """
-    rows = torch.cat([matrix, vector.unsqueeze(-1)], dim=-1).unbind(-2)
-    solved: list[Tensor] = []
-    for index, row in enumerate(rows):
-        row = row / row[:, index, None]
-        rows = [other - other[:, index, None] * row for other in rows]
-        solved = [other - other[:, index, None] * row for other in solved] + [row]
-    return torch.stack([row[:, 3] for row in solved], dim=-1)
+    rows = list(torch.cat([matrix, vector.unsqueeze(-1)], dim=-1).unbind(-2))
+    for index in range(3):
+        pivot = rows[index] / rows[index][:, index, None]
+        rows = [
+            pivot if number == index else row - row[:, index, None] * pivot
+            for number, row in enumerate(rows)
+        ]
+    return torch.stack([row[:, 3] for row in rows], dim=-1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -172,23 +173,29 @@ def _iterate(
 def _iterate_in_graph(
     state: Alignment, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
 ) -> Alignment:
-    """Return the result of :func:`_iterate` as one loop of an exported graph."""
+    """Return the result of :func:`_iterate` as one loop of an exported graph.
+
+    Only what the pipeline reads is carried: the residual is NaN and the iterations are -1.
+    """
 
     def is_unfinished(count: Tensor, running: Tensor, *_: Tensor) -> Tensor:
         return (count < options.max_iterations) & running.any()
 
-    def improve(count: Tensor, running: Tensor, *values: Tensor) -> tuple[Tensor, ...]:
-        before = Alignment(*values)
-        found, small = _improve(before.transform, scans, lines, options)
-        found = found._replace(iterations=before.iterations + 1)
-        rows = (running.reshape(-1, *[1] * (value.ndim - 1)) for value in found)
-        after = map(torch.where, rows, found, before)
-        return count + 1, running & ~small, *after
+    def improve(
+        count: Tensor, running: Tensor, transform: Tensor, inliers: Tensor
+    ) -> tuple[Tensor, ...]:
+        found, small = _improve(transform, scans, lines, options)
+        transform = torch.where(running.unsqueeze(-1), found.transform, transform)
+        inliers = torch.where(running, found.inliers, inliers)
+        return count + 1, running & ~small, transform, inliers
 
     running = torch.ones_like(state.converged)
     count = torch.zeros((), dtype=torch.int64, device=running.device)
-    _, _, *values = while_loop(is_unfinished, improve, (count, running, *state))
-    return Alignment(*values)
+    carried = (count, running, state.transform, state.inliers)
+    _, running, transform, inliers = while_loop(is_unfinished, improve, carried)
+    converged = ~running & (inliers >= options.min_pairs)
+    unknown = torch.full_like(state.rmse, math.nan)
+    return Alignment(transform, converged, inliers, unknown, torch.full_like(inliers, -1))
 
 
 def _improve(

@@ -142,5 +142,8 @@ def take(values: Tensor, index: Tensor) -> Tensor:
         >>> take(torch.tensor([[5.0, 6.0, 7.0]]), torch.tensor([[2, 0]]))
         tensor([[7., 5.]])
     """
+    if is_exporting():
+        trailing = values.shape[2:]
+        return values.gather(1, index.reshape(*index.shape, *[1] * len(trailing)).expand(-1, -1, *trailing))
     row = torch.arange(len(index), device=index.device).unsqueeze(-1)
     return values[row, index]

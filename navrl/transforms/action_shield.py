@@ -14,7 +14,7 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
-from navrl.ops.exporting import is_exporting
+from navrl.ops.exporting import cumulative_minimum, is_exporting
 from navrl.ops.motion import FAR, point_motion, room_along, sample_commands
 from navrl.ops.returns import finite_returns
 from navrl.transforms.action_map import ActionMap
@@ -292,7 +292,7 @@ class ActionShield(ActionMap):
         step = scene.times[0] / _CONTACT_CHECKS
         times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(scene.times))]
         free = self._room(candidates, replace(scene, points=points), times, None) > self.radius
-        until = free.cumprod(-1).sum(-1)
+        until = cumulative_minimum(free.long()).sum(-1)
         latest = until == until.amax(-1, keepdim=True)
         spare = torch.where(latest, spare, -math.inf)
         asked = torch.where(latest[:, :1], math.inf, spare[:, :1])
