@@ -60,7 +60,9 @@ class Guard(nn.Module):
             pose: ``[B, 3]`` float64 (x, y, yaw), m and rad; ``None`` if the policy reads none.
             path: ``[B, P, 2]`` float64 m, in the same frame.
         """
-        near = [_is_too_near(ranges[:, sector]) & self._masks[2][sector] for sector in self._sectors]
+        near = [
+            _is_too_near(ranges[:, sector]) & self._masks[2][sector] for sector in self._sectors
+        ]
         is_blocked = torch.stack([each.any(-1) for each in near]).any(0)
         state = _number(DriveState.DRIVE, is_blocked)
         state = torch.where(is_blocked, _number(DriveState.BLOCKED, state), state)

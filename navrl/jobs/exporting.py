@@ -62,7 +62,6 @@ def export(cfg: DictConfig, file: Path) -> float:
     return error
 
 
-
 def _write_policy(cfg: DictConfig, bundle: PolicyBundle, parts: list[Any], file: Path) -> float:
     """Write scan to command; return the largest error over the golden drive."""
     transforms, lidar, robot = parts

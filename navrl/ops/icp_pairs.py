@@ -144,6 +144,8 @@ def take(values: Tensor, index: Tensor) -> Tensor:
     """
     if is_exporting():
         trailing = values.shape[2:]
-        return values.gather(1, index.reshape(*index.shape, *[1] * len(trailing)).expand(-1, -1, *trailing))
+        return values.gather(
+            1, index.reshape(*index.shape, *[1] * len(trailing)).expand(-1, -1, *trailing)
+        )
     row = torch.arange(len(index), device=index.device).unsqueeze(-1)
     return values[row, index]
