@@ -1,6 +1,7 @@
 """Process that drives a policy along recorded scans; run as a script by its path.
 
-Arguments: ``onnx`` or ``runner``, the policy's file or folder, and a ``.npz`` of golden drives. It prints CPU time to the first command, memory and latencies as JSON.
+Arguments: ``onnx`` or ``runner``, the policy's file or folder, and a ``.npz`` of golden drives. It
+prints the CPU time to the first command, the largest memory and the latencies as JSON.
 """
 
 import importlib.util

@@ -7,9 +7,9 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import ArrayLike
 
 FORMAT = "navrl-onnx-1"
@@ -48,15 +48,7 @@ class OnnxPolicy:
     """
 
     def __init__(self, file: str | Path, check_steps: int = 10, num_threads: int = 1) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = num_threads
-        data = Path(file).read_bytes()
-        try:
-            self._session = onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:
-            raise OnnxFileError(f"{file}: must be an ONNX file ({error})") from error
+        self._session = open_session(file, num_threads)
         entries = dict(self._session.get_modelmeta().custom_metadata_map)
         if entries.pop("format", None) != FORMAT:
             raise OnnxFileError(f"{file}: must be a file of navrl-export, format {FORMAT}")
@@ -188,6 +180,26 @@ class OnnxPolicy:
         return np.array(errors)
 
 
+def open_session(file: str | Path, num_threads: int) -> Any:
+    """Return a session of ONNX Runtime for a file.
+
+    Raises:
+        OnnxFileError: If it is no ONNX file.
+        OSError: If the file cannot be read.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = num_threads
+    providers = ["CPUExecutionProvider"]
+    try:
+        return onnxruntime.InferenceSession(Path(file).read_bytes(), options, providers=providers)
+    except OSError:
+        raise
+    except Exception as error:  # of ONNX Runtime's own types
+        raise OnnxFileError(f"{file}: must be an ONNX file ({error})") from error
+
+
 def run_network(file: str | Path, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the actions ``[B, A]`` of an exported network.
 
@@ -195,7 +207,7 @@ def run_network(file: str | Path, inputs: Mapping[str, np.ndarray]) -> np.ndarra
         file: File of ``navrl-export`` with ``network_only=true``.
         inputs: Scaled inputs ``[B, ...]`` by name.
     """
-    session = onnxruntime.InferenceSession(Path(file), providers=["CPUExecutionProvider"])
+    session = open_session(file, num_threads=1)
     (action,) = session.run(None, dict(inputs))
     return action
 

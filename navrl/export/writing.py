@@ -41,8 +41,8 @@ def export_policy(
     Args:
         graph: One step of the policy.
         file: Destination, ``*.onnx``.
-        golden: Sensor values ``[T, ...]`` of a drive by key and the expected ``command`` ``[T, C]``,
-            of :func:`navrl.export.golden.record`.
+        golden: Recorded drives with the expected commands, of
+            :func:`navrl.export.golden.record`.
         metadata: Further entries, plain data by name.
 
     Raises:
@@ -108,9 +108,8 @@ def _converted(
     module: nn.Module, names: Sequence[str], examples: Sequence[Tensor], outputs: Sequence[str]
 ) -> Any:
     """Return the ONNX model of a module, without the traces of its source."""
-    import onnx_ir
-
     from navrl.export.operators import translations
+    from navrl.export.passes import simplify
 
     batch = torch.export.Dim("batch", min=1)
     inputs = tuple(torch.cat([value] * _EXAMPLES) for value in examples)
@@ -132,9 +131,7 @@ def _converted(
     except (RuntimeError, torch._dynamo.exc.TorchDynamoException) as error:
         raise ExportError(_reason(error)) from error
     assert program is not None
-    for node in onnx_ir.traversal.RecursiveGraphIterator(program.model.graph):
-        node.metadata_props.clear()
-        node.doc_string = None
+    simplify(program.model)
     return program.model
 
 

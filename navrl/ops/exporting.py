@@ -9,6 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+_MAX_BLOCK = 16  # values
+
 
 def is_exporting() -> bool:
     """Return whether the caller is being traced to an exported graph.
@@ -64,6 +66,24 @@ def doubled_minimum(values: Tensor) -> Tensor:
         values = torch.cat([values[..., :shift], shifted], dim=-1)
         shift *= 2
     return values
+
+
+def first_minimum(values: Tensor) -> Tensor:
+    """Return the index of the first smallest value of the last dimension, int64.
+
+    The minima of blocks come first, because an inference engine computes minima, but not their
+    indices, on several values at once.
+
+    Example:
+        >>> first_minimum(torch.tensor([[3.0, 1.0, 2.0, 1.0]]))
+        tensor([1])
+    """
+    count = values.shape[-1]
+    size = max(size for size in range(1, _MAX_BLOCK + 1) if count % size == 0)
+    blocks = values.unflatten(-1, (count // size, size))
+    block = blocks.amin(-1).argmin(-1, keepdim=True)
+    index = block.unsqueeze(-1).expand(*block.shape, size)
+    return block.squeeze(-1) * size + blocks.gather(-2, index).squeeze(-2).argmin(-1)
 
 
 def search_sorted(ascending: Tensor, values: Tensor) -> Tensor:

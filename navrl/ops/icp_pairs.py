@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from navrl.ops.exporting import is_exporting
+from navrl.ops.exporting import first_minimum, is_exporting
 from navrl.ops.icp_options import SLIDE_WEIGHT
 from navrl.ops.lines import ScanLines
 
@@ -53,7 +53,8 @@ def nearest_by_product(
     """
     squares = torch.where(target_returns, target.square().sum(-1), math.inf).unsqueeze(-2)
     factors = torch.cat([-2.0 * target.transpose(-1, -2), squares], dim=-2)
-    index = (torch.nn.functional.pad(points, (0, 1), value=1.0) @ factors).argmin(-1)
+    ones = torch.ones_like(points[..., :1])
+    index = first_minimum(torch.cat([points, ones], dim=-1) @ factors)
     squared = (points - take(target, index)).square().sum(-1)
     return torch.where(target_returns.any(-1, keepdim=True), squared, math.inf), index
 

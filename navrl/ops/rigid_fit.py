@@ -65,5 +65,5 @@ def fit_by_moments(source: Tensor, target: Tensor, share: Tensor) -> Tensor:
     covariance = moments - source_mean.transpose(-1, -2) * target_mean
     xx, xy, yx, yy = covariance.flatten(-2).split(1, dim=-1)
     yaw = torch.atan2(xy - yx, xx + yy)
-    translation = target_mean - se2.rotate(source_mean, yaw)
+    translation = target_mean - source_mean @ se2.rotation_rows(yaw)
     return torch.cat([translation.squeeze(-2), yaw], dim=-1)

@@ -109,7 +109,7 @@ class Base:
         Returns:
             Frame ``[N, 3]`` (x, y, yaw) in the present frame, m and rad, and velocity ``[N, C]``.
         """
-        start = velocity.new_zeros(len(velocity), 3)
+        start = velocity.new_zeros(velocity.shape[0], 3)
         delay = max(self.command_delays_s)
         if delay == 0.0:
             return start, velocity

@@ -10,10 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("onnxruntime", reason="needs the extra onnx")
-onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
-pytest.importorskip("onnxscript", reason="needs the extra onnx")
+import torch
 
 from navrl.config import compose
 from navrl.deploy import PolicyRunner
@@ -22,6 +19,10 @@ from navrl.export.golden import meters
 from navrl.export.onnx_policy import golden_step, run_network
 from navrl.jobs.exporting import export
 from navrl.policies import ZOO, load_bundle, zoo_names
+
+onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
+pytest.importorskip("onnxscript", reason="needs the extra onnx")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 ROOT = Path(__file__).parents[2]
 LOADER = ROOT / "navrl" / "export" / "onnx_policy.py"
@@ -200,8 +201,6 @@ def test_network_only_gives_the_actions_of_the_network(tmp_path):
     shapes = {"spatial": (180, 2), "waypoints_scaled": (5, 2), "temporal": (30, 4)}
     for batch in (1, 64):
         rows = {k: rng.uniform(-1, 1, (batch, *s)).astype(np.float32) for k, s in shapes.items()}
-        import torch
-
         with torch.no_grad():
             expected = actor.module(*(torch.from_numpy(rows[key]) for key in actor.in_keys))
         np.testing.assert_allclose(run_network(file, rows), expected, rtol=0.0, atol=1e-5)

@@ -27,6 +27,12 @@ def test_doubled_minimum_is_the_cumulative_minimum(values):
     assert torch.equal(exporting.doubled_minimum(values), values.cummin(dim=-1).values)
 
 
+@given(st.lists(st.sampled_from([0.0, 1.0, 2.0, math.inf]), min_size=1, max_size=40))
+def test_minimum_of_blocks_is_the_first_smallest(values):
+    rows = torch.tensor([values, values[::-1]])
+    assert torch.equal(exporting.first_minimum(rows), rows.argmin(-1))
+
+
 def test_elimination_solves_the_normal_equations(generator):
     factors = torch.rand(20, 3, 3, generator=generator, dtype=torch.float64)
     matrix = factors @ factors.mT + 1e-3 * torch.eye(3)
