@@ -53,7 +53,7 @@ def nearest_by_product(
     """
     squares = torch.where(target_returns, target.square().sum(-1), math.inf).unsqueeze(-2)
     factors = torch.cat([-2.0 * target.transpose(-1, -2), squares], dim=-2)
-    ones = torch.ones_like(points[..., :1])
+    ones = target.new_ones(target.shape[0], points.shape[1], 1)
     index = first_minimum(torch.cat([points, ones], dim=-1) @ factors)
     squared = (points - take(target, index)).square().sum(-1)
     return torch.where(target_returns.any(-1, keepdim=True), squared, math.inf), index

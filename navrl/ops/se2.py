@@ -107,7 +107,11 @@ def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:
         >>> compose(torch.tensor([1.0, 0.0, 0.0]), torch.tensor([2.0, 0.0, 0.5]))
         tensor([3.0000, 0.0000, 0.5000])
     """
-    translation = rotate(T_b_c[..., :2], T_a_b[..., 2]) + T_a_b[..., :2]
+    if is_exporting() and T_a_b.shape == T_b_c.shape:
+        moved = T_b_c[..., None, :2] @ rotation_rows(T_a_b[..., 2:])
+        translation = moved.squeeze(-2) + T_a_b[..., :2]
+    else:
+        translation = rotate(T_b_c[..., :2], T_a_b[..., 2]) + T_a_b[..., :2]
     yaw = wrap_angle(T_a_b[..., 2] + T_b_c[..., 2])
     return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
 
