@@ -20,10 +20,8 @@ from navrl.ops.returns import finite_returns
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.base_motion import IDEAL, Base, base_of
 from navrl.transforms.observation_map import Keys, nested_keys
-from navrl.transforms.shield_scene import Scene
+from navrl.transforms.shield_scene import Scene, check_sizes
 
-_MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
-_MAX_TIMES = 100
 _CONTACT_CHECKS = 5  # between two checked times, for the time of a contact that cannot be avoided
 _TOLERANCE = 1e-3
 """Distances that differ by less than this are equal, m; far below the noise of a range."""
@@ -147,7 +145,7 @@ class ActionShield(ActionMap):
                 f"max_descriptor_speed={max_descriptor_speed}: "
                 "must satisfy 0 < min_descriptor_speed < max_descriptor_speed"
             )
-        count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
+        count = check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
         self.speed_range = (min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
@@ -318,25 +316,3 @@ def _zeros(candidates: Tensor) -> Tensor:
 
 def _unchanged(candidates: Tensor, spare: Tensor, stuck: Tensor) -> Tensor:
     return spare.clone()
-
-
-def _check_sizes(
-    horizon: float, time_step: float, checks_per_step: int, num_speeds: int, num_turn_rates: int
-) -> int:
-    """Return the number of checked times, before anything of that size is allocated.
-
-    Raises:
-        ValueError: If there are too many times or commands.
-    """
-    count = horizon / time_step * checks_per_step
-    if count > _MAX_TIMES:
-        raise ValueError(
-            f"horizon={horizon}, time_step={time_step}, checks_per_step={checks_per_step}: "
-            f"must be at most {_MAX_TIMES} times, horizon / time_step * checks_per_step"
-        )
-    if num_speeds * num_turn_rates > _MAX_COMMANDS:
-        raise ValueError(
-            f"num_speeds={num_speeds}, num_turn_rates={num_turn_rates}: "
-            f"must be at most {_MAX_COMMANDS:,} commands, their product"
-        )
-    return math.ceil(count)
