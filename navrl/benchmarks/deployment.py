@@ -1,4 +1,4 @@
-"""Memory, start-up and latency of a process that drives: an ONNX file compared with the runner."""
+"""Memory, start-up and latency of driving processes: ONNX file compared with the runner."""
 
 from __future__ import annotations
 

@@ -10,14 +10,26 @@ import resource
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
 _LOADER = Path(__file__).parents[1] / "export" / "onnx_policy.py"
 
 
-def _policy(kind: str, policy: str) -> Any:
+class Policy(Protocol):
+    """The part of a runner that is measured."""
+
+    def reset(self) -> None:
+        """Begin another drive."""
+        ...
+
+    def act(self, ranges: np.ndarray, pose: np.ndarray, path: np.ndarray) -> np.ndarray:
+        """Return the command."""
+        ...
+
+
+def _policy(kind: str, policy: str) -> Policy:
     """Return the policy; that of an ONNX file without importing any other part of navrl."""
     if kind == "runner":
         import torch
@@ -34,7 +46,7 @@ def _policy(kind: str, policy: str) -> Any:
 
 
 def _peak_mb() -> float:
-    """Return the largest memory of this process, MB, without that of its parent before it began."""
+    """Return the largest memory of this process since it began, MB."""
     status = Path("/proc/self/status")
     if status.is_file():
         (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))

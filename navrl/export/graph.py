@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -64,6 +64,7 @@ class DriveGraph(nn.Module):
         delays: Delays | None = None,
         time_step_s: float = 0.2,
     ) -> None:
+        """Check the arguments and find the inputs that the pipeline reads."""
         super().__init__()
         check_positive(time_step_s=time_step_s)
         check_lidar(transforms, lidar)
@@ -170,11 +171,11 @@ class _Reads:
         self._data = data
         self.names: list[str] = []
 
-    def get(self, key: str, *default: Any) -> Any:
+    def get(self, key: str, *default: Tensor | None) -> Tensor | None:
         self.names.append(key)
         return self._data.get(key, *default)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         return getattr(self._data, name)
 
 

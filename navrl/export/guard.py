@@ -29,6 +29,7 @@ class Guard(nn.Module):
     """
 
     def __init__(self, lidar: Lidar, robot: RobotModel, limits: SafetyLimits) -> None:
+        """Take the beams of each check from :class:`navrl.deploy.ScanCheck`."""
         super().__init__()
         check = ScanCheck(lidar, robot, limits)
         self._limits, self._max_range, self._radius = limits, lidar.max_range, robot.radius

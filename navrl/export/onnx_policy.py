@@ -1,4 +1,4 @@
-"""Loader of exported policies; the file needs numpy and ONNX Runtime only, and may be copied."""
+"""Loader of exported policies, to be copied to robots: it needs numpy and onnxruntime."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 FORMAT = "navrl-onnx-1"
 STATE, NEXT = "state_", "next_"
@@ -48,6 +51,7 @@ class OnnxPolicy:
     """
 
     def __init__(self, file: str | Path, check_steps: int = 10, num_threads: int = 1) -> None:
+        """Load the file and check it."""
         self._session = open_session(file, num_threads)
         entries = dict(self._session.get_modelmeta().custom_metadata_map)
         if entries.pop("format", None) != FORMAT:
@@ -180,7 +184,7 @@ class OnnxPolicy:
         return np.array(errors)
 
 
-def open_session(file: str | Path, num_threads: int) -> Any:
+def open_session(file: str | Path, num_threads: int) -> onnxruntime.InferenceSession:
     """Return a session of ONNX Runtime for a file.
 
     Raises:

@@ -11,6 +11,7 @@ import onnx_ir
 import torch
 from onnxscript import opset20
 
+Value = Any  # of a graph under construction
 _DOUBLE, _FLOAT = onnx_ir.DataType.DOUBLE, onnx_ir.DataType.FLOAT
 
 
@@ -20,15 +21,14 @@ def translations() -> dict[Callable, Callable]:
         torch.ops.prims.hypot.default: _hypot,
         torch.ops.aten.where.self: _where,
         torch.ops.aten.atan2.default: _atan2,
-        torch.ops.aten._cdist_forward.default: _distances,
     }
 
 
-def _hypot(x: Any, y: Any) -> Any:
+def _hypot(x: Value, y: Value) -> Value:
     return opset20.Sqrt(opset20.Add(opset20.Mul(x, x), opset20.Mul(y, y)))
 
 
-def _where(condition: Any, x: Any, y: Any) -> Any:
+def _where(condition: Value, x: Value, y: Value) -> Value:
     """Select from flags by logic, because ONNX Runtime's Where does not take them."""
     if x.dtype != onnx_ir.DataType.BOOL:
         return opset20.Where(condition, x, y)
@@ -36,7 +36,7 @@ def _where(condition: Any, x: Any, y: Any) -> Any:
     return opset20.Or(opset20.And(condition, x), otherwise)
 
 
-def _atan2(y: Any, x: Any) -> Any:
+def _atan2(y: Value, x: Value) -> Value:
     """Return the angle of (x, y), in float64 by one Newton step from the one in float32.
 
     ONNX Runtime has no arc tangent in float64.
@@ -54,7 +54,7 @@ def _atan2(y: Any, x: Any) -> Any:
     return op.Add(angle, error)  # its cube is below 1e-20
 
 
-def _single_atan2(y: Any, x: Any) -> Any:
+def _single_atan2(y: Value, x: Value) -> Value:
     op, zero = opset20, _constant(0.0, None)
     angle = op.Atan(op.Div(y, x))
     angle = op.Where(op.IsNaN(angle), zero, angle)
@@ -62,20 +62,6 @@ def _single_atan2(y: Any, x: Any) -> Any:
     return op.Where(op.Less(x, zero), op.Add(angle, half), angle)
 
 
-def _constant(value: float, like: Any) -> Any:
+def _constant(value: float, like: Value) -> Value:
     kind = np.float64 if like is not None and like.dtype == _DOUBLE else np.float32
     return opset20.Constant(value=onnx_ir.tensor(np.array(value, kind)))
-
-
-def _distances(points: Any, others: Any, p: float = 2.0, compute_mode: int | None = None) -> Any:
-    """Return the Euclidean distances ``[*B, N, M]`` of planar points ``[*B, N, 2]``."""
-    op = opset20
-    last = op.Constant(value_ints=[-1])
-    squares = []
-    for axis in (0, 1):
-        index = op.Constant(value_int=axis)
-        row, column = op.Gather(points, index, axis=-1), op.Gather(others, index, axis=-1)
-        before_last = op.Constant(value_ints=[-2])
-        gap = op.Sub(op.Unsqueeze(row, last), op.Unsqueeze(column, before_last))
-        squares.append(op.Mul(gap, gap))
-    return op.Sqrt(op.Add(*squares))

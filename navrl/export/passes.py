@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import onnx_ir
 from onnx_ir.passes.common import CommonSubexpressionEliminationPass
 
 
-def simplify(model: Any) -> None:
+def simplify(model: onnx_ir.Model) -> None:
     """Remove source traces and repeated work of an ONNX model in place; results do not change."""
     for node in onnx_ir.traversal.RecursiveGraphIterator(model.graph):
         node.metadata_props.clear()
@@ -23,7 +21,7 @@ def simplify(model: Any) -> None:
         CommonSubexpressionEliminationPass()(part)
 
 
-def _hoist(graph: Any, loop: Any) -> None:
+def _hoist(graph: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
     """Move the nodes of a loop's body that do not depend on the iteration before the loop."""
     body = loop.attributes["body"].as_graph()
     varying = set(body.inputs)
@@ -37,6 +35,6 @@ def _hoist(graph: Any, loop: Any) -> None:
         graph.insert_before(loop, node)
 
 
-def _subgraphs(node: Any) -> list[Any]:
+def _subgraphs(node: onnx_ir.Node) -> list[onnx_ir.Attr]:
     kind = onnx_ir.AttributeType.GRAPH
     return [each for each in node.attributes.values() if each.type == kind]

@@ -8,7 +8,7 @@ import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -21,6 +21,9 @@ from navrl.export.guard import STATES
 from navrl.export.onnx_policy import FORMAT, NEXT, STATE
 from navrl.extras import require
 from navrl.files import replacing
+
+if TYPE_CHECKING:
+    import onnx_ir
 
 _OPSET = 20
 _EXAMPLES = 3  # rows of the example batch; the size is a variable of the file
@@ -106,7 +109,7 @@ def _write(
 
 def _converted(
     module: nn.Module, names: Sequence[str], examples: Sequence[Tensor], outputs: Sequence[str]
-) -> Any:
+) -> onnx_ir.Model:
     """Return the ONNX model of a module, without the traces of its source."""
     from navrl.export.operators import translations
     from navrl.export.passes import simplify

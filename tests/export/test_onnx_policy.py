@@ -135,7 +135,7 @@ def test_stop_does_not_change_the_history(paper):
     np.testing.assert_allclose(command, paper.golden()["command"][1], rtol=0.0, atol=1e-5)
 
 
-def test_robot_at_the_goal_and_off_the_path_stands(paper):
+def test_robot_at_the_goal_or_off_the_path_stops(paper):
     given = arguments(paper, 0)
     for place, state in ((given["path"][-1], "at_goal"), (given["path"][0] + 9.0, "off_path")):
         paper.reset()
@@ -174,7 +174,7 @@ def test_metadata_describes_the_policy(paper):
     assert found["command_limits"] == [[0.0, pytest.approx(-np.pi)], [1.0, pytest.approx(np.pi)]]
 
 
-def test_file_with_another_weight_is_refused(exported, tmp_path):
+def test_loader_rejects_a_changed_weight(exported, tmp_path):
     model = onnx.load(exported("paper"))
     largest = max(model.graph.initializer, key=lambda value: len(value.raw_data))
     values = onnx.numpy_helper.to_array(largest) * 1.1
@@ -185,7 +185,7 @@ def test_file_with_another_weight_is_refused(exported, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"not a model"])
-def test_file_that_is_no_model_is_refused(content, tmp_path):
+def test_loader_rejects_other_files(content, tmp_path):
     file = tmp_path / "wrong.onnx"
     file.write_bytes(content)
     with pytest.raises(OnnxFileError, match=r"wrong\.onnx: must be an ONNX file"):
