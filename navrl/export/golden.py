@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -76,5 +77,6 @@ def padded(path: np.ndarray, num_points: int = 200) -> np.ndarray:
 def pack(arrays: Mapping[str, np.ndarray]) -> str:
     """Return arrays as text, for the metadata of an ONNX file."""
     stream = io.BytesIO()
-    np.savez_compressed(stream, **{key: np.asarray(value) for key, value in arrays.items()})
+    values: dict[str, Any] = {key: np.asarray(value) for key, value in arrays.items()}
+    np.savez_compressed(stream, **values)
     return base64.b64encode(stream.getvalue()).decode("ascii")

@@ -7,7 +7,7 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -97,7 +97,7 @@ class OnnxPolicy:
         """
         names = [name for name in self._zeros if not name.startswith(STATE)]
         results = self._session.run(None, {**{name: sensors[name] for name in names}, **state})
-        named = dict(zip(self._outputs, results, strict=True))
+        named = dict(zip(self._outputs, cast(list[np.ndarray], results), strict=True))
         after = {name: named[f"{NEXT}{name.removeprefix(STATE)}"] for name in state}
         return named["command"], named["drive_state"], after
 
@@ -213,7 +213,7 @@ def run_network(file: str | Path, inputs: Mapping[str, np.ndarray]) -> np.ndarra
     """
     session = open_session(file, num_threads=1)
     (action,) = session.run(None, dict(inputs))
-    return action
+    return cast(np.ndarray, action)
 
 
 def golden_step(golden: Mapping[str, np.ndarray], step: int) -> dict[str, np.ndarray]:

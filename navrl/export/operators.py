@@ -12,6 +12,7 @@ import torch
 from onnxscript import opset20
 
 Value = Any  # of a graph under construction
+_OP: Any = opset20  # its types do not allow a value under construction
 _DOUBLE, _FLOAT = onnx_ir.DataType.DOUBLE, onnx_ir.DataType.FLOAT
 
 
@@ -25,15 +26,15 @@ def translations() -> dict[Callable, Callable]:
 
 
 def _hypot(x: Value, y: Value) -> Value:
-    return opset20.Sqrt(opset20.Add(opset20.Mul(x, x), opset20.Mul(y, y)))
+    return _OP.Sqrt(_OP.Add(_OP.Mul(x, x), _OP.Mul(y, y)))
 
 
 def _where(condition: Value, x: Value, y: Value) -> Value:
     """Select from flags by logic, because ONNX Runtime's Where does not take them."""
     if x.dtype != onnx_ir.DataType.BOOL:
-        return opset20.Where(condition, x, y)
-    otherwise = opset20.And(opset20.Not(condition), y)
-    return opset20.Or(opset20.And(condition, x), otherwise)
+        return _OP.Where(condition, x, y)
+    otherwise = _OP.And(_OP.Not(condition), y)
+    return _OP.Or(_OP.And(condition, x), otherwise)
 
 
 def _atan2(y: Value, x: Value) -> Value:
@@ -43,25 +44,24 @@ def _atan2(y: Value, x: Value) -> Value:
     """
     if y.dtype != _DOUBLE:
         return _single_atan2(y, x)
-    op = opset20
-    angle = op.Cast(_single_atan2(op.Cast(y, to=_FLOAT), op.Cast(x, to=_FLOAT)), to=_DOUBLE)
-    cos, sin = op.Cos(angle), op.Sin(angle)
-    across = op.Sub(op.Mul(y, cos), op.Mul(x, sin))
-    along = op.Add(op.Mul(x, cos), op.Mul(y, sin))
+    angle = _OP.Cast(_single_atan2(_OP.Cast(y, to=_FLOAT), _OP.Cast(x, to=_FLOAT)), to=_DOUBLE)
+    cos, sin = _OP.Cos(angle), _OP.Sin(angle)
+    across = _OP.Sub(_OP.Mul(y, cos), _OP.Mul(x, sin))
+    along = _OP.Add(_OP.Mul(x, cos), _OP.Mul(y, sin))
     zero = _constant(0.0, y)
-    is_origin = op.Equal(along, zero)
-    error = op.Div(across, op.Where(is_origin, _constant(1.0, y), along))
-    return op.Add(angle, error)  # its cube is below 1e-20
+    is_origin = _OP.Equal(along, zero)
+    error = _OP.Div(across, _OP.Where(is_origin, _constant(1.0, y), along))
+    return _OP.Add(angle, error)  # its cube is below 1e-20
 
 
 def _single_atan2(y: Value, x: Value) -> Value:
-    op, zero = opset20, _constant(0.0, None)
-    angle = op.Atan(op.Div(y, x))
-    angle = op.Where(op.IsNaN(angle), zero, angle)
-    half = op.Where(op.Less(y, zero), _constant(-math.pi, None), _constant(math.pi, None))
-    return op.Where(op.Less(x, zero), op.Add(angle, half), angle)
+    zero = _constant(0.0, None)
+    angle = _OP.Atan(_OP.Div(y, x))
+    angle = _OP.Where(_OP.IsNaN(angle), zero, angle)
+    half = _OP.Where(_OP.Less(y, zero), _constant(-math.pi, None), _constant(math.pi, None))
+    return _OP.Where(_OP.Less(x, zero), _OP.Add(angle, half), angle)
 
 
 def _constant(value: float, like: Value) -> Value:
     kind = np.float64 if like is not None and like.dtype == _DOUBLE else np.float32
-    return opset20.Constant(value=onnx_ir.tensor(np.array(value, kind)))
+    return _OP.Constant(value=onnx_ir.tensor(np.array(value, kind)))

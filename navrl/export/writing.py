@@ -8,7 +8,7 @@ import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import torch
@@ -82,9 +82,10 @@ def export_network(
         ModuleNotFoundError: If the extra ``onnx`` is not installed.
         OSError: If the file cannot be written.
     """
-    examples = [torch.zeros(1, *shapes[key]) for key in actor.in_keys]
+    names = [str(key) for key in actor.in_keys]
+    examples = [torch.zeros(1, *shapes[name]) for name in names]
     entries = {**metadata, "kind": "network"}
-    _write(actor.module, list(actor.in_keys), examples, ["action"], file, entries, golden)
+    _write(cast(nn.Module, actor.module), names, examples, ["action"], file, entries, golden)
 
 
 def _write(
@@ -131,7 +132,7 @@ def _converted(
                 custom_translation_table=translations(),
                 verbose=False,
             )
-    except (RuntimeError, torch._dynamo.exc.TorchDynamoException) as error:
+    except RuntimeError as error:  # base class of the errors of both exporters
         raise ExportError(_reason(error)) from error
     assert program is not None
     simplify(program.model)

@@ -74,7 +74,8 @@ def _write_policy(cfg: DictConfig, bundle: PolicyBundle, parts: list[Any], file:
 
 def _write_network(cfg: DictConfig, bundle: PolicyBundle, parts: list[Any], file: Path) -> float:
     """Write the network alone; return the largest error over random inputs."""
-    shapes = {key: list(bundle.config["actor"]["shapes"][key]) for key in bundle.actor.in_keys}
+    sizes = bundle.config["actor"]["shapes"]
+    shapes = {str(key): list(sizes[key]) for key in bundle.actor.in_keys}
     generator = torch.Generator().manual_seed(0)
     inputs = {
         key: 2.0 * torch.rand(cfg.golden_steps, *shape, generator=generator) - 1.0
