@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,8 @@ def deploy_rows(
     found: dict[str, list[dict]] = {"runner": [], "onnx": []}
     with tempfile.TemporaryDirectory() as folder:
         recorded = Path(folder) / "drive.npz"
-        np.savez(recorded, **golden)
+        arrays: dict[str, Any] = dict(golden)
+        np.savez(recorded, **arrays)
         policies = {"runner": bundle, "onnx": file}
         for _ in range(repeats):
             for kind, policy in policies.items():
