@@ -29,6 +29,7 @@ RANK = {
     "training": 5,
     "evaluation": 5,
     "deploy": 5,
+    "export": 6,
     "viz": 6,
     "benchmarks": 6,
     "factory": 7,

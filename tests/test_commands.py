@@ -29,6 +29,7 @@ SHORTER = {
     "navrl-compare": (),
     "navrl-plot": (),
     "navrl-publish": (),
+    "navrl-export": ("environment.time_limit_steps=3", "num_threads=1", "golden_steps=2"),
     "navrl-report": (),
     "navrl-suites": (),
 }
@@ -61,7 +62,7 @@ ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "colle
 NEEDS = {
     **{"device=cuda": "cuda", "hardware=gpu": "cuda", "rows=[gpu]": "cuda"},
     **{"gui=true": "display", "mp4": "ffmpeg", "picture=rerun": "rerun"},
-    **{"navrl-report": "plotly", "launcher=cores": "joblib"},
+    **{"navrl-export": "onnxruntime", "navrl-report": "plotly", "launcher=cores": "joblib"},
 }
 # Run by CI itself, or no command of ours: exactly these.
 OTHERS = {

@@ -1,6 +1,7 @@
 """Measurements of ``navrl-benchmark``: speed and memory, with limits."""
 
 from navrl.benchmarks.collecting import frame_rates, worker_rows
+from navrl.benchmarks.deployment import deploy_rows
 from navrl.benchmarks.gpu import gpu_rows
 from navrl.benchmarks.growth import fit_exponents
 from navrl.benchmarks.latency import latency_rows, record_drive
@@ -26,6 +27,7 @@ __all__ = [
     "Task",
     "alternate",
     "count_flops",
+    "deploy_rows",
     "describe_machine",
     "fit_exponents",
     "frame_rates",

@@ -19,6 +19,7 @@ from navrl.algos.precision import Precision
 from navrl.benchmarks import Budget, Report, Row, Series
 from navrl.config import compose, instantiate
 from navrl.deploy import PolicyRunner, SafetyLimits
+from navrl.extras import require
 from navrl.factory.environment import (
     make_device,
     make_env,
@@ -28,8 +29,10 @@ from navrl.factory.environment import (
     on_cpu,
 )
 from navrl.factory.training import make_agent, make_collector, make_trainer, observation_shapes
+from navrl.jobs.exporting import export
 from navrl.jobs.row_names import check_rows
 from navrl.ops.backend import missing_for_cuda
+from navrl.policies.names import bundle_folder
 from navrl.sim import Simulator
 from navrl.training import Collector, Replay
 from navrl.viz import plot_benchmark
@@ -37,6 +40,7 @@ from navrl.worlds import ScenarioPool
 
 log = logging.getLogger(__name__)
 Results = Sequence[Row | Series | str]
+_DEPLOYED = "paper"  # the policy of the rows "deploy"
 
 
 def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
@@ -214,6 +218,22 @@ def _startup(cfg: DictConfig) -> Results:
     return benchmarks.startup_rows(cfg.effort.repeats)
 
 
+def _deploy(cfg: DictConfig) -> Results:
+    try:
+        require("onnx", "deploy", "onnx", "onnxscript", "onnxruntime")
+    except ModuleNotFoundError as error:
+        return [str(error)]
+    from navrl.export import OnnxPolicy
+
+    bundle = bundle_folder(_DEPLOYED)
+    assert bundle is not None
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{_DEPLOYED}.onnx"
+        export(compose("export", [f"policy={_DEPLOYED}", f"golden_steps={cfg.effort.scans}"]), file)
+        golden = OnnxPolicy(file, check_steps=0).golden()
+        return benchmarks.deploy_rows(bundle, file, golden, cfg.effort.repeats)
+
+
 MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "scan": _scan,
     "peers": _peers,
@@ -226,6 +246,7 @@ MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "workers": _workers,
     "latency": _latency,
     "startup": _startup,
+    "deploy": _deploy,
     "gpu": _gpu,
 }
 

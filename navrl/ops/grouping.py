@@ -11,6 +11,7 @@ from torch import Tensor
 from navrl.checks import check_counts, check_positive
 from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
 from navrl.ops.beams import SECTOR_TOLERANCE_RAD
+from navrl.ops.exporting import kernel_precision
 from navrl.ops.returns import finite_returns
 
 EmptyNow = Literal["center", "zeros"]
@@ -94,6 +95,8 @@ def tagd(
     if is_compiled(backend, points, returns, previous_points, previous_returns):
         options = (num_groups, group_radius, max_range, empty_now, empty_previous, empty_scans)
         return _tagd_compiled((points, returns, previous_points, previous_returns), options)
+    dtype = points.dtype
+    points, previous_points = kernel_precision(points), kernel_precision(previous_points)
     returns = finite_returns(points, returns)
     previous_returns = finite_returns(previous_points, previous_returns)
     points = torch.where(returns.unsqueeze(-1), points, 0.0)
@@ -110,7 +113,8 @@ def tagd(
     if empty_scans == "zeros":
         has_return = returns.any(-1) | previous_returns.any(-1)
         descriptors = torch.where(has_return[..., None, None], descriptors, 0.0)
-    return GroupDescriptors(descriptors, torch.stack([has_previous, has_now], dim=-1))
+    valid = torch.stack([has_previous, has_now], dim=-1)
+    return GroupDescriptors(descriptors.to(dtype), valid)
 
 
 def _tagd_compiled(scans: tuple[Tensor, ...], options: tuple) -> GroupDescriptors:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch._higher_order_ops.while_loop import while_loop
 
 from navrl.ops import se2
 from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
+from navrl.ops.exporting import is_exporting, kernel_precision, solve_motion
 from navrl.ops.icp_options import DAMPING, PAPER, IcpOptions
 from navrl.ops.icp_pairs import line_equations, nearest_returns, pair_weights, take
 from navrl.ops.lines import ScanLines, fit_lines
@@ -88,6 +91,8 @@ def align(
     scans = (source_points, source_returns, target_points, target_returns)
     if is_compiled(backend, *scans):
         return _align_compiled(scans, seen, options)
+    dtype = source_points.dtype
+    source_points, target_points = kernel_precision(source_points), kernel_precision(target_points)
     source_returns = finite_returns(source_points, source_returns)
     target_returns = finite_returns(target_points, target_returns)
     *batch, num_source, _ = source_points.shape
@@ -100,9 +105,10 @@ def align(
     )
     scans += () if seen is None else (seen.reshape(-1, num_source),)
     size = max(1, PAIRS_PER_BLOCK // (num_source * num_target))
-    split = zip(*(scan.split(size) for scan in scans), strict=True)
+    split = [scans] if is_exporting() else zip(*(scan.split(size) for scan in scans), strict=True)
     blocks = [_align(options, *block) for block in split]
-    parts = (torch.cat(part) for part in zip(*blocks, strict=True))
+    parts = [torch.cat(part) for part in zip(*blocks, strict=True)]
+    parts = [part.to(dtype) if part.is_floating_point() else part for part in parts]
     return Alignment(*(part.reshape((*batch, *part.shape[1:])) for part in parts))
 
 
@@ -137,43 +143,82 @@ def _align(
     count = torch.zeros_like(source_returns[:, 0], dtype=torch.int64)
     state = Alignment(transform, count.bool(), count.clone(), transform[:, 0].clone(), count)
     scans = (source, source_returns, target, target_returns)
-    _iterate(state, scans, None, options)
+    iterate = _iterate_in_graph if is_exporting() else _iterate
+    state = iterate(state, scans, None, options)
     if options.metric == "point_to_line":
-        _iterate(state, scans, fit_lines(target, target_returns), options)
+        state = iterate(state, scans, fit_lines(target, target_returns), options)
     failed = state.inliers < options.min_pairs
-    state.transform.masked_fill_(failed.unsqueeze(-1), 0.0)
-    return state
+    return state._replace(transform=state.transform.masked_fill(failed.unsqueeze(-1), 0.0))
 
 
 def _iterate(
     state: Alignment, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
-) -> None:
+) -> Alignment:
     """Iterate every sample of ``state`` in place until it converges, fails or hits the limit."""
     running = torch.arange(len(state.transform), device=state.transform.device)
     for _ in range(options.max_iterations):
         if running.numel() == 0:
-            return
-        source, source_returns, target, target_returns = (scan[running] for scan in scans)
-        moved = se2.transform_points(state.transform[running], source)
-        squared, index = nearest_returns(moved, target, target_returns)
-        matched = source_returns & (squared <= options.gate**2)
-        inliers = matched.sum(-1)
-        enough = inliers >= options.min_pairs
-        closest = take(target, index)
-        if lines is None:
-            step = fit_rigid(moved, closest, matched.to(moved.dtype))
-        else:
-            on_line = ScanLines(*(take(part[running], index) for part in lines))
-            step = _line_step(moved, closest, matched, on_line, options.robust_scale)
-        step = torch.where(enough.unsqueeze(-1), step, 0.0)
-        small = step[:, 2].abs() < options.rotation_tolerance
-        small &= torch.linalg.vector_norm(step[:, :2], dim=-1) < options.translation_tolerance
-        state.transform[running] = se2.compose(step, state.transform[running])
-        state.converged[running] = small & enough
-        state.inliers[running] = inliers
-        state.rmse[running] = _root_mean(squared, matched)
+            break
+        own_lines = None if lines is None else ScanLines(*(part[running] for part in lines))
+        own_scans = tuple(scan[running] for scan in scans)
+        found, small = _improve(state.transform[running], own_scans, own_lines, options)
+        for values, own in zip(state, found, strict=True):
+            if values is not state.iterations:
+                values[running] = own
         state.iterations[running] += 1
         running = running[~small]
+    return state
+
+
+def _iterate_in_graph(
+    state: Alignment, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
+) -> Alignment:
+    """Return the result of :func:`_iterate` as one loop of an exported graph.
+
+    Only what the pipeline reads is carried: the residual is NaN and the iterations are -1.
+    """
+
+    def is_unfinished(count: Tensor, running: Tensor, *_: Tensor) -> Tensor:
+        return (count < options.max_iterations) & running.any()
+
+    def improve(
+        count: Tensor, running: Tensor, transform: Tensor, inliers: Tensor
+    ) -> tuple[Tensor, ...]:
+        found, small = _improve(transform, scans, lines, options)
+        transform = torch.where(running.unsqueeze(-1), found.transform, transform)
+        inliers = torch.where(running, found.inliers, inliers)
+        return count + 1, running & ~small, transform, inliers
+
+    running = torch.ones_like(state.converged)
+    count = torch.zeros((), dtype=torch.int64, device=running.device)
+    carried = (count, running, state.transform, state.inliers)
+    _, running, transform, inliers = while_loop(is_unfinished, improve, carried)
+    converged = ~running & (inliers >= options.min_pairs)
+    unknown = torch.full_like(state.rmse, math.nan)
+    return Alignment(transform, converged, inliers, unknown, torch.full_like(inliers, -1))
+
+
+def _improve(
+    transform: Tensor, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
+) -> tuple[Alignment, Tensor]:
+    """Return the alignment after one more iteration, and whether its step was small, ``[S]``."""
+    source, source_returns, target, target_returns = scans
+    moved = se2.transform_points(transform, source)
+    squared, index = nearest_returns(moved, target, target_returns)
+    matched = source_returns & (squared <= options.gate**2)
+    inliers = matched.sum(-1)
+    enough = inliers >= options.min_pairs
+    closest = take(target, index)
+    if lines is None:
+        step = fit_rigid(moved, closest, matched.to(moved.dtype))
+    else:
+        on_line = ScanLines(*(take(part, index) for part in lines))
+        step = _line_step(moved, closest, matched, on_line, options.robust_scale)
+    step = torch.where(enough.unsqueeze(-1), step, 0.0)
+    small = step[:, 2].abs() < options.rotation_tolerance
+    small &= torch.linalg.vector_norm(step[:, :2], dim=-1) < options.translation_tolerance
+    transform, rmse = se2.compose(step, transform), _root_mean(squared, matched)
+    return Alignment(transform, small & enough, inliers, rmse, torch.zeros_like(inliers)), small
 
 
 def _line_step(
@@ -187,7 +232,7 @@ def _line_step(
     weight, _ = pair_weights(points, closest, matched, lines, robust_scale)
     normal_matrix, vector = line_equations(points, closest, weight, lines)
     damping = DAMPING * torch.eye(3, dtype=vector.dtype, device=vector.device)
-    return -torch.linalg.solve(normal_matrix + damping, vector)
+    return -solve_motion(normal_matrix + damping, vector)
 
 
 def _root_mean(squared: Tensor, matched: Tensor) -> Tensor:

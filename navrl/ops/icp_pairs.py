@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from navrl.ops.exporting import first_minimum, is_exporting
 from navrl.ops.icp_options import SLIDE_WEIGHT
 from navrl.ops.lines import ScanLines
 
@@ -30,10 +31,32 @@ def nearest_returns(
         >>> squared, index
         (tensor([[0.2500]]), tensor([[0]]))
     """
+    if is_exporting():
+        return nearest_by_product(points, target, target_returns)
     target = torch.where(target_returns.unsqueeze(-1), target, math.inf)
     x = points[:, :, None, 0] - target[:, None, :, 0]
     y = points[:, :, None, 1] - target[:, None, :, 1]
     return x.square_().addcmul_(y, y).min(dim=-1)
+
+
+def nearest_by_product(
+    points: Tensor, target: Tensor, target_returns: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return :func:`nearest_returns` by a matrix product, which an inference engine is fast at.
+
+    The point q nearest to p has the least ``q^2 - 2 p q``, whose rounding requires float64.
+
+    Example:
+        >>> points, target = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[[1.0, 0.5], [3.0, 0.0]]])
+        >>> nearest_by_product(points, target, torch.tensor([[True, True]]))[1]
+        tensor([[0]])
+    """
+    squares = torch.where(target_returns, target.square().sum(-1), math.inf).unsqueeze(-2)
+    factors = torch.cat([-2.0 * target.transpose(-1, -2), squares], dim=-2)
+    ones = target.new_ones(target.shape[0], points.shape[1], 1)
+    index = first_minimum(torch.cat([points, ones], dim=-1) @ factors)
+    squared = (points - take(target, index)).square().sum(-1)
+    return torch.where(target_returns.any(-1, keepdim=True), squared, math.inf), index
 
 
 def pair_weights(
@@ -120,5 +143,10 @@ def take(values: Tensor, index: Tensor) -> Tensor:
         >>> take(torch.tensor([[5.0, 6.0, 7.0]]), torch.tensor([[2, 0]]))
         tensor([[7., 5.]])
     """
+    if is_exporting():
+        trailing = values.shape[2:]
+        return values.gather(
+            1, index.reshape(*index.shape, *[1] * len(trailing)).expand(-1, -1, *trailing)
+        )
     row = torch.arange(len(index), device=index.device).unsqueeze(-1)
     return values[row, index]

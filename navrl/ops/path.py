@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops.backend import Backend, as_real, is_compiled
+from navrl.ops.exporting import cumulative_minimum, search_sorted
 from navrl.ops.path_search import LEAVING_RATIO, check_window
 
 
@@ -123,7 +124,7 @@ def _before_leaving(squared: Tensor, at_end: Tensor, is_ahead: Tensor) -> Tensor
         at_end: ``[*B, S]`` m^2, to the end of each segment or of its part within the window.
         is_ahead: ``[*B, S]`` bool, whether the segment ends after the previous projection.
     """
-    nearest = torch.where(is_ahead, squared, math.inf).cummin(dim=-1).values
+    nearest = cumulative_minimum(torch.where(is_ahead, squared, math.inf))
     leaves = is_ahead & (at_end > LEAVING_RATIO**2 * nearest)
     return squared.masked_fill(leaves.cumsum(-1) > leaves.long(), math.inf)
 
@@ -161,8 +162,7 @@ def point_at(path: Tensor, arc: Tensor, backend: Backend = "auto") -> Tensor:
     if is_compiled(backend, path, arc):
         return _point_at_compiled(path, arc)
     cumulative, length, _ = _segments(path)
-    ends = cumulative[..., 1:].contiguous()
-    segment = torch.searchsorted(ends, arc.contiguous()).clamp(max=length.shape[-1] - 1)
+    segment = search_sorted(cumulative[..., 1:], arc).clamp(max=length.shape[-1] - 1)
     along = arc - cumulative.gather(-1, segment)
     fraction = (along / length.gather(-1, segment).clamp(min=1e-9)).clamp(0.0, 1.0)
     pair = segment.unsqueeze(-1).expand(*segment.shape, 2)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from navrl.ops.backend import as_real
 from navrl.ops.beams import RETURN_MARGIN_M
+from navrl.ops.exporting import cumulative_maximum, cumulative_minimum, is_exporting
 from navrl.ops.lines import REACH_M
 from navrl.ops.scan_layout import bin_centers
 
@@ -166,7 +167,7 @@ def rebin_scan(
     left, right = _neighbors(ray)
     reach = torch.minimum(order.gather(-1, left), order.gather(-1, right))
     is_gap = ray < 0
-    if bool(is_gap.any()):
+    if is_exporting() or bool(is_gap.any()):
         start, end = (
             points.gather(-2, side.unsqueeze(-1).expand_as(points)) for side in (left, right)
         )
@@ -193,8 +194,8 @@ def _neighbors(ray: Tensor) -> tuple[Tensor, Tensor]:
     num_bins = ray.shape[-1]
     row = torch.arange(3 * num_bins, device=ray.device)
     filled = torch.cat([ray, ray, ray], dim=-1) >= 0  # the bins close around the robot
-    before = torch.where(filled, row, -1).cummax(-1).values
-    after = torch.where(filled, row, 3 * num_bins).flip(-1).cummin(-1).values.flip(-1)
+    before = cumulative_maximum(torch.where(filled, row, -1))
+    after = cumulative_minimum(torch.where(filled, row, 3 * num_bins).flip(-1)).flip(-1)
     middle = slice(num_bins, 2 * num_bins)
     left, right = (ray.gather(-1, side[..., middle] % num_bins) for side in (before, after))
     return left, right

@@ -58,8 +58,10 @@ def rotation_search(
     if seen is not None:
         source, target = (torch.where(seen, scan, math.nan) for scan in (source, target))
     shifts = sorted(range(-max_shift, max_shift + 1), key=abs)  # a tie selects the smaller rotation
-    costs = torch.stack([_cost(source, target.roll(-shift, -1)) for shift in shifts], dim=-1)
-    yaw = torch.tensor(shifts, device=source.device) * (2.0 * math.pi / num_beams)
+    shift = torch.tensor(shifts, device=source.device)
+    turned = (torch.arange(num_beams, device=source.device) + shift.unsqueeze(-1)) % num_beams
+    costs = _cost(source.unsqueeze(-2), target[..., turned])
+    yaw = shift * (2.0 * math.pi / num_beams)
     return yaw.to(source.dtype)[costs.argmin(-1)]
 
 

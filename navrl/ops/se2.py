@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from navrl.ops.backend import as_real, is_compiled
+from navrl.ops.exporting import is_exporting
 
 
 def wrap_angle(angle: Tensor) -> Tensor:
@@ -64,7 +65,29 @@ def transform_points(T_target_source: Tensor, points_source: Tensor) -> Tensor:
     has_kernel = T_target_source.dtype == points_source.dtype and not points_source.is_cuda
     if is_row_by_row and has_kernel and is_compiled("auto", T_target_source, points_source):
         return _transform_compiled(T_target_source, points_source)
+    if is_exporting():
+        rows = rotation_rows(T_target_source[..., 2:])
+        return points_source @ rows + T_target_source[..., None, :2]
     return rotate(points_source, T_target_source[..., 2:]) + T_target_source[..., None, :2]
+
+
+def rotation_rows(yaw: Tensor) -> Tensor:
+    """Return the matrix by which rows (x, y) are multiplied to rotate them counter-clockwise.
+
+    In an exported graph a product takes fewer operations than :func:`rotate`.
+
+    Args:
+        yaw: ``[*B, 1]`` rad.
+
+    Returns:
+        ``[*B, 2, 2]``.
+
+    Example:
+        >>> torch.tensor([[1.0, 0.0]]) @ rotation_rows(torch.tensor([0.0]))
+        tensor([[1., 0.]])
+    """
+    cos, sin = yaw.cos(), yaw.sin()
+    return torch.cat([cos, sin, -sin, cos], dim=-1).unflatten(-1, (2, 2))
 
 
 def _transform_compiled(T_target_source: Tensor, points_source: Tensor) -> Tensor:
@@ -84,7 +107,11 @@ def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:
         >>> compose(torch.tensor([1.0, 0.0, 0.0]), torch.tensor([2.0, 0.0, 0.5]))
         tensor([3.0000, 0.0000, 0.5000])
     """
-    translation = rotate(T_b_c[..., :2], T_a_b[..., 2]) + T_a_b[..., :2]
+    if is_exporting() and T_a_b.shape == T_b_c.shape:
+        moved = T_b_c[..., None, :2] @ rotation_rows(T_a_b[..., 2:])
+        translation = moved.squeeze(-2) + T_a_b[..., :2]
+    else:
+        translation = rotate(T_b_c[..., :2], T_a_b[..., 2]) + T_a_b[..., :2]
     yaw = wrap_angle(T_a_b[..., 2] + T_b_c[..., 2])
     return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
 

@@ -23,7 +23,7 @@ def record_command(folder: Path) -> None:
     command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     with (folder / _FILE).open("a", encoding="utf-8") as history:
-        history.write(f"{command}  # {now}, navrl {_version()}, {_machine()}\n")
+        history.write(f"{command}  # {now}, navrl {code_version()}, {_machine()}\n")
 
 
 def recorded_commands(folder: Path) -> str:
@@ -38,7 +38,7 @@ def recorded_origins(folder: Path) -> list[str]:
     return [line.rpartition("  # ")[2] for line in lines if "  # " in line]
 
 
-def _version() -> str:
+def code_version() -> str:
     """Return the version, with the commit in a git checkout."""
     root = Path(navrl.__file__).parents[1]
     if not (root / ".git").exists():

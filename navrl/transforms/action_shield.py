@@ -14,6 +14,7 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
+from navrl.ops.exporting import cumulative_minimum, is_exporting
 from navrl.ops.motion import (
     FAR,
     check_descriptor_speeds,
@@ -24,10 +25,8 @@ from navrl.ops.motion import (
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.base_motion import IDEAL, Base, base_of
 from navrl.transforms.observation_map import Keys, nested_keys
-from navrl.transforms.shield_scene import Scene
+from navrl.transforms.shield_scene import Scene, check_sizes
 
-_MAX_COMMANDS = 10_000  # of the grid, and times at which each is checked: both are in memory
-_MAX_TIMES = 100
 _CONTACT_CHECKS = 5  # between two checked times, for the time of a contact that cannot be avoided
 _TOLERANCE = 1e-3
 """Distances that differ by less than this are equal, m; far below the noise of a range."""
@@ -145,7 +144,7 @@ class ActionShield(ActionMap):
                 f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
                 "must satisfy min_speed < max_speed"
             )
-        count = _check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
+        count = check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
         self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
@@ -181,6 +180,9 @@ class ActionShield(ActionMap):
         scene = self._scene(points, returns, tagd, valid, state)
         asked = command.to(scene.points.dtype)
         blocked = self._spare(asked.unsqueeze(1), scene)[:, 0] <= 0.0
+        if is_exporting():
+            instead = self._most_similar_in_graph(blocked, asked, scene)
+            return torch.where(blocked.unsqueeze(-1), instead.to(command.dtype), command)
         rows = blocked.nonzero()[:, 0]  # the grid is evaluated for the few blocked rows only
         if not len(rows):
             return command
@@ -207,7 +209,7 @@ class ActionShield(ActionMap):
         base = self._known_base()
         if base.scan_age_s:
             points = points + base.scan_age_s / self.time_step * motion
-        velocity = state[0] if state else points.new_zeros(len(points), 2)
+        velocity = state[0] if state else points.new_zeros(points.shape[0], 2)
         given = torch.stack(list(state[1:]), dim=1) if len(state) > 1 else velocity[:, None]
         required = self._required(points, motion)
         return Scene(points, motion, required, velocity, given, base, self._times(base))
@@ -236,17 +238,44 @@ class ActionShield(ActionMap):
 
     def _most_similar(self, command: Tensor, scene: Scene) -> Tensor:
         """Return the most similar allowed command for each command, ``[R, 2]``."""
-        grid = self._grid.to(command).expand(len(command), -1, -1)
-        candidates = torch.cat([command.unsqueeze(1), grid], dim=1)
+        candidates = self._candidates(command)
         spare = self._spare(candidates, scene)
         stuck = (spare.amax(-1) <= 0.0).nonzero()[:, 0]
         if len(stuck):
             spare[stuck] = self._of_latest_contact(spare[stuck], candidates[stuck], scene[stuck])
+        return self._nearest_allowed(command, candidates, spare)
+
+    def _most_similar_in_graph(self, blocked: Tensor, command: Tensor, scene: Scene) -> Tensor:
+        """Return :meth:`_most_similar` of the blocked rows in an exported graph.
+
+        The grid is evaluated for all rows or for none, since a graph has no varying number of rows.
+        """
+        candidates = self._candidates(command)
+
+        def spare_of(candidates: Tensor) -> Tensor:
+            return self._spare(candidates, scene)
+
+        def delayed(candidates: Tensor, spare: Tensor, stuck: Tensor) -> Tensor:
+            latest = self._of_latest_contact(spare, candidates, scene)
+            return torch.where(stuck.unsqueeze(-1), latest, spare)
+
+        spare = torch.cond(blocked.any(), spare_of, _zeros, (candidates,))
+        stuck = blocked & (spare.amax(-1) <= 0.0)
+        spare = torch.cond(stuck.any(), delayed, _unchanged, (candidates, spare, stuck))
+        return self._nearest_allowed(command, candidates, spare)
+
+    def _candidates(self, command: Tensor) -> Tensor:
+        """Return the requested command and the grid for each command, ``[R, S, 2]``."""
+        grid = self._grid.to(command).expand(command.shape[0], -1, -1)
+        return torch.cat([command.unsqueeze(1), grid], dim=1)
+
+    def _nearest_allowed(self, command: Tensor, candidates: Tensor, spare: Tensor) -> Tensor:
+        """Return the candidate most similar to the command among those of enough ``spare``."""
         largest = spare.amax(-1, keepdim=True)
         enough = torch.where(largest > 0.0, 0.0, largest - _TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
         nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
-        return candidates[torch.arange(len(command), device=command.device), nearest]
+        return candidates[torch.arange(command.shape[0], device=command.device), nearest]
 
     def _of_latest_contact(self, spare: Tensor, candidates: Tensor, scene: Scene) -> Tensor:
         """Return ``spare [R, S]`` of the candidates whose first contact is latest, else -inf.
@@ -258,11 +287,11 @@ class ActionShield(ActionMap):
         step = scene.times[0] / _CONTACT_CHECKS
         times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(scene.times))]
         free = self._room(candidates, replace(scene, points=points), times, None) > self.radius
-        until = free.cumprod(-1).sum(-1)
+        until = cumulative_minimum(free.long()).sum(-1)
         latest = until == until.amax(-1, keepdim=True)
         spare = torch.where(latest, spare, -math.inf)
-        spare[:, 0] = torch.where(latest[:, 0], math.inf, spare[:, 0])
-        return spare
+        asked = torch.where(latest[:, :1], math.inf, spare[:, :1])
+        return torch.cat([asked, spare[:, 1:]], dim=1)
 
     def _spare(self, commands: Tensor, scene: Scene) -> Tensor:
         """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
@@ -278,23 +307,9 @@ class ActionShield(ActionMap):
         return room_along(places, scene.points, scene.motion, steps, required)
 
 
-def _check_sizes(
-    horizon: float, time_step: float, checks_per_step: int, num_speeds: int, num_turn_rates: int
-) -> int:
-    """Return the number of checked times, before anything of that size is allocated.
+def _zeros(candidates: Tensor) -> Tensor:
+    return torch.zeros_like(candidates[..., 0])
 
-    Raises:
-        ValueError: If there are too many times or commands.
-    """
-    count = horizon / time_step * checks_per_step
-    if count > _MAX_TIMES:
-        raise ValueError(
-            f"horizon={horizon}, time_step={time_step}, checks_per_step={checks_per_step}: "
-            f"must be at most {_MAX_TIMES} times, horizon / time_step * checks_per_step"
-        )
-    if num_speeds * num_turn_rates > _MAX_COMMANDS:
-        raise ValueError(
-            f"num_speeds={num_speeds}, num_turn_rates={num_turn_rates}: "
-            f"must be at most {_MAX_COMMANDS:,} commands, their product"
-        )
-    return math.ceil(count)
+
+def _unchanged(candidates: Tensor, spare: Tensor, stuck: Tensor) -> Tensor:
+    return spare.clone()

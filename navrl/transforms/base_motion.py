@@ -85,7 +85,7 @@ class Base:
             ``[N, S, T, 2]`` m, robot frame now.
         """
         if self.is_ideal:
-            driven = commands.unsqueeze(-2) * commands.new_tensor(times).unsqueeze(-1)
+            driven = torch.stack([commands * time for time in times], dim=-2)
             return advance_poses(commands.new_zeros(3), driven, 1.0)[..., :2]
         per_check = math.ceil(times[0] / _CHECK_SUBSTEP_S - _TOLERANCE)
         duration = times[0] / per_check
@@ -109,7 +109,7 @@ class Base:
         Returns:
             Frame ``[N, 3]`` (x, y, yaw) in the present frame, m and rad, and velocity ``[N, C]``.
         """
-        start = velocity.new_zeros(len(velocity), 3)
+        start = velocity.new_zeros(velocity.shape[0], 3)
         delay = max(self.command_delays_s)
         if delay == 0.0:
             return start, velocity

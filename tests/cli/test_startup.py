@@ -41,6 +41,7 @@ print(json.dumps(results))
 """
 COMMANDS = [
     *(f"{name} --help" for name in ("train", "evaluate", "play", "plot", "compare", "benchmark")),
+    "export --help",
     *(f"{name} --help" for name in ("publish", "report", "suites")),
     "suites list",
     "suites check tabel1",
@@ -54,6 +55,7 @@ COMMANDS = [
     "evaluate -m policy=papre,pape",
     "play num_worlds=many",
     "play policy=papre",
+    "export policy=papre",
     "benchmark rows=[scna]",
     "compare metric=[spl]",
     "plot sourcx=a",

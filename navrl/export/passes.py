@@ -1,0 +1,40 @@
+"""Simplifications of an exported graph that ONNX Runtime does not make."""
+
+from __future__ import annotations
+
+import onnx_ir
+from onnx_ir.passes.common import CommonSubexpressionEliminationPass
+
+
+def simplify(model: onnx_ir.Model) -> None:
+    """Remove source traces and repeated work of an ONNX model in place; results do not change."""
+    for node in onnx_ir.traversal.RecursiveGraphIterator(model.graph):
+        node.metadata_props.clear()
+        node.doc_string = None
+    for node in list(model.graph):
+        if node.op_type == "Loop":
+            _hoist(model.graph, node)
+    graphs = [model.graph]
+    graphs += [attribute.as_graph() for node in model.graph for attribute in _subgraphs(node)]
+    for graph in graphs:
+        part = onnx_ir.Model(graph, ir_version=model.ir_version)
+        CommonSubexpressionEliminationPass()(part)
+
+
+def _hoist(graph: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
+    """Move the nodes of a loop's body that do not depend on the iteration before the loop."""
+    body = loop.attributes["body"].as_graph()
+    varying = set(body.inputs)
+    results = set(body.outputs)
+    for node in list(body):
+        depends = any(value in varying for value in node.inputs)
+        if depends or _subgraphs(node) or results & set(node.outputs):
+            varying |= set(node.outputs)
+            continue
+        body.remove(node)
+        graph.insert_before(loop, node)
+
+
+def _subgraphs(node: onnx_ir.Node) -> list[onnx_ir.Attr]:
+    kind = onnx_ir.AttributeType.GRAPH
+    return [each for each in node.attributes.values() if each.type == kind]
