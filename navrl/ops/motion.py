@@ -121,9 +121,9 @@ def moving_points(
 
     Example:
         >>> points, nothing = torch.tensor([[[1.0, 0.0]]]), torch.tensor([[False]])
-        >>> nobody = torch.zeros(1, 1, 4), torch.zeros(1, 1, 2, dtype=torch.bool)
+        >>> no_motion = torch.zeros(1, 1, 4), torch.zeros(1, 1, 2, dtype=torch.bool)
         >>> limits = {"speed_range": (0.3, 1.5), "time_step": 0.2, "group_radius": 0.3}
-        >>> moving_points(points, nothing, *nobody, **limits)[0].tolist()
+        >>> moving_points(points, nothing, *no_motion, **limits)[0].tolist()
         [[[100.0, 100.0]]]
     """
     returns = finite_returns(points, returns)
