@@ -1,4 +1,4 @@
-from .batch import ScenarioBatch, pedestrian_boxes
+from .batch import ScenarioBatch
 from .cards import CardSet
 from .corridor import Corridor
 from .distribution import ScenarioDistribution, WeightedWorld
@@ -9,6 +9,7 @@ from .office import Office
 from .pool import ScenarioPool
 from .scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Pedestrian, Scenario
 from .suite import Suite
+from .walking import pedestrian_boxes, pedestrian_states, track_gaits
 
 __all__ = [
     "MAX_PATH_POINTS",
@@ -31,4 +32,6 @@ __all__ = [
     "frozen_episodes",
     "frozen_names",
     "pedestrian_boxes",
+    "pedestrian_states",
+    "track_gaits",
 ]
