@@ -20,7 +20,7 @@ from navrl.sim.delays import Delays
 from navrl.sim.differential_drive import DifferentialDrive
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
-from navrl.sim.obstacle_rows import gaits_of, packed_walk, packed_walls, wall_cells
+from navrl.sim.obstacle_rows import gaits_of, packed_walk, packed_walls, sorted_walls
 from navrl.sim.scenario_rows import compact_pedestrians, extended
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
@@ -29,8 +29,8 @@ from navrl.worlds.scenario import MAX_ROUTE_POINTS
 if TYPE_CHECKING:
     from navrl.worlds import ScenarioBatch
 
-_CELLS = ("cell_start", "cell_walls", "cell_info")
-_GROWING = {"walls": 1, "cell_start": 1, "cell_walls": 1, "route": 2, "route_arc": 2, "gaits": 2}
+_CELLS = ("cell_start", "cell_info")
+_GROWING = {"walls": 1, "cell_start": 1, "wall_order": 1, "route": 2, "route_arc": 2, "gaits": 2}
 """Rows with an axis that grows when a scenario needs more."""
 
 
@@ -109,7 +109,7 @@ class BatchedSimulator(Simulator):
             "walls": torch.zeros(n, max_walls, 8, **real),
             "num_walls": torch.zeros(n, **whole),
             "cell_start": torch.zeros(n, 2, **whole),
-            "cell_walls": torch.zeros(n, max_walls, **whole),
+            "wall_order": torch.zeros(n, max_walls, **whole),
             "cell_info": torch.zeros(n, 5, **real),
             "route": torch.zeros(n, k, r, 2, **real),
             "route_arc": torch.zeros(n, k, r, **real),
@@ -136,7 +136,7 @@ class BatchedSimulator(Simulator):
         rows["pose"][worlds] = scenarios.start.double()
         rows["num_walls"][worlds] = scenarios.num_boxes
         walls = packed_walls(scenarios, self.lidar.height, self.robot.height)
-        for name, value in {"walls": walls, **wall_cells(scenarios)}.items():
+        for name, value in sorted_walls(scenarios, walls).items():
             self._put(name, worlds, value)
         for name in ("velocity", "tick", "contact"):
             rows[name][worlds] = 0
@@ -283,7 +283,11 @@ class BatchedSimulator(Simulator):
             raise RuntimeError(f"world {world} must be reset first")
         walls = rows["walls"][world, : int(rows["num_walls"][world])]
         yaw = torch.atan2(walls[:, 5], walls[:, 4])  # 0 for a disc
-        return torch.cat((walls[:, :4], yaw[:, None]), dim=-1)
+        ordered = torch.empty(len(walls), 5, dtype=walls.dtype, device=walls.device)
+        ordered[rows["wall_order"][world, : len(walls)]] = torch.cat(
+            (walls[:, :4], yaw[:, None]), -1
+        )
+        return ordered
 
     def _velocity(self) -> Tensor:
         return self._rows["velocity"]

@@ -302,7 +302,10 @@ class Scene:
         for first in range(0, len(ends), max_rays):
             chunk = ends[first : first + max_rays].tolist()
             hits = self._client.rayTestBatch(
-                [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=STATIC_GROUP | SEEN_GROUP
+                [start] * len(chunk),
+                chunk,
+                numThreads=1,
+                collisionFilterMask=STATIC_GROUP | SEEN_GROUP,
             )
             fractions += [hit[2] for hit in hits]  # exactly 1 without a hit
         return (np.array(fractions) * reach).astype(np.float32)

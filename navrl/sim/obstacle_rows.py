@@ -49,39 +49,44 @@ def packed_walk(scenarios: ScenarioBatch) -> Tensor:
     return walk.masked_fill(~scenarios.ped_present[..., None], torch.nan)
 
 
-def wall_cells(scenarios: ScenarioBatch) -> dict[str, Tensor]:
-    """Return the grids of walls, the arrays of :mod:`navrl.ops.kernels.cells` by name."""
-    boxes, count = scenarios.boxes.double(), scenarios.num_boxes
-    worlds, width = boxes.shape[:2]
-    is_wall = torch.arange(width, device=boxes.device) < count[:, None]
+def sorted_walls(scenarios: ScenarioBatch, walls: Tensor) -> dict[str, Tensor]:
+    """Return walls sorted by the cells of a grid, see :mod:`navrl.ops.kernels.cells`.
+
+    Args:
+        scenarios: M scenarios.
+        walls: [M, W, 8] of :func:`packed_walls`.
+
+    Returns:
+        ``walls``, their former indices ``wall_order [M, W]``, ``cell_start`` and ``cell_info``.
+    """
+    count, width = scenarios.num_boxes, walls.shape[1]
+    order = torch.arange(width, device=walls.device).expand(len(walls), -1)
     if width < MIN_WALLS:
-        info = boxes.new_zeros(worlds, 5)
-        return {"cell_info": info, **_cells_of(torch.zeros_like(count)[:, None], 0, width)}
-    center, diagonal = boxes[..., :2], 2.0 * boxes[..., 2:4].norm(dim=-1)
+        start, info = count.new_zeros(len(walls), 2), walls.new_zeros(len(walls), 5)
+        return {"walls": walls, "wall_order": order, "cell_start": start, "cell_info": info}
+    cell, info = _cells(walls, order < count[:, None])
+    info[:, 3:] = info[:, 3:].masked_fill((count < MIN_WALLS)[:, None], 0.0)
+    ordered, order = torch.sort(cell, dim=1, stable=True)
+    cells = torch.arange(-1, int(info[:, 3:].prod(-1).amax()) + 1, device=walls.device)
+    start = torch.searchsorted(ordered, cells.expand(len(walls), -1).contiguous())
+    sorted_rows = walls.gather(1, order[..., None].expand_as(walls))
+    return {"walls": sorted_rows, "wall_order": order, "cell_start": start, "cell_info": info}
+
+
+def _cells(walls: Tensor, is_wall: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the cell [M, W] of each wall, -1 if it does not fit, and the grids [M, 5]."""
+    center, diagonal = walls[..., :2], 2.0 * walls[..., 2:4].norm(dim=-1)
     low = center.masked_fill(~is_wall[..., None], torch.inf).amin(1).nan_to_num(posinf=0.0)
     high = center.masked_fill(~is_wall[..., None], -torch.inf).amax(1)
     extent = (high - low).clamp_min(1.0)
     size = torch.sqrt(extent.prod(-1) / (0.5 * MAX_CELLS)).clamp_min(CELL_M)
     size = torch.maximum(size, extent.amax(-1) / (0.5 * MAX_CELLS))
     shape = (extent / size[:, None]).floor() + 1.0
-    shape = shape.masked_fill((count < MIN_WALLS)[:, None], 0.0)
     column, line = ((center - low[:, None]) / size[:, None, None]).floor().unbind(-1)
     cell = (column * shape[:, 1:] + line).long()
-    cell = cell.masked_fill(diagonal > size[:, None], -1)  # does not fit
-    max_cells = int(shape.prod(-1).amax())
-    cell = cell.masked_fill(~is_wall, max_cells)
-    info = torch.cat((low, size[:, None], shape), dim=-1)
-    return {"cell_info": info, **_cells_of(cell, max_cells, width)}
-
-
-def _cells_of(cell: Tensor, max_cells: int, width: int) -> dict[str, Tensor]:
-    """Return walls sorted by cell, ``cell [M, W]``, and the first entry of each cell."""
-    if max_cells == 0:
-        walls = cell.new_zeros(len(cell), width)
-        return {"cell_walls": walls, "cell_start": cell.new_zeros(len(cell), 2)}
-    ordered, walls = torch.sort(cell, dim=1, stable=True)
-    cells = torch.arange(-1, max_cells + 1, device=cell.device).expand(len(cell), -1)
-    return {"cell_walls": walls, "cell_start": torch.searchsorted(ordered, cells.contiguous())}
+    cell = cell.masked_fill(diagonal > size[:, None], -1)
+    last = torch.iinfo(torch.int64).max
+    return cell.masked_fill(~is_wall, last), torch.cat((low, size[:, None], shape), dim=-1)
 
 
 def gaits_of(scenarios: ScenarioBatch) -> Tensor:

@@ -105,7 +105,9 @@ class ScenarioBatch:
         kinds = tuple(sorted({scenario.kind for scenario in scenarios}))
         points = max((len(p.route) for s in scenarios for p in s.pedestrians), default=0)
         width = *width, max(points, MAX_ROUTE_POINTS)
-        rows = [scenario_row(scenario, *width, kinds.index(scenario.kind)) for scenario in scenarios]
+        rows = [
+            scenario_row(scenario, *width, kinds.index(scenario.kind)) for scenario in scenarios
+        ]
         stacked = {k: torch.from_numpy(np.stack([row[k] for row in rows])) for k in rows[0]}
         return cls(**stacked, kinds=kinds)
 

@@ -1,13 +1,13 @@
 """Walls of a world by cells of a grid, so that a scan or a contact check visits only near ones.
 
-A world with few walls has no grid. Arrays, one row per world:
+A world with few walls has no grid. Walls are sorted by the cell of their center; those that do not
+fit a cell come first. Arrays, one row per world:
 
 ========== =========== =============================================================
 cell_info  [N, 5]      x, y of the grid's corner, size of a cell, cells along x and y; 0
                        cells without a grid
-cell_walls [N, W]      indices of walls: first those that do not fit a cell, then by the cell
-                       of their center, cell (i, j) at i * cells along y + j
-cell_start [N, C + 2]  first entry of each cell; entry 0 is that of the walls that do not fit
+cell_start [N, C + 2]  first wall of each cell, cell (i, j) at 1 + i * cells along y + j; entry 0
+                       is that of the walls that do not fit a cell
 ========== =========== =============================================================
 
 A wall fits a cell if half its diagonal is at most half a cell. A scan visits the cells in rings
@@ -20,11 +20,21 @@ import math
 
 import numpy as np
 
-from navrl.ops.kernels.compiler import scalar
+from navrl.ops.kernels.compiler import scalar, unordered_scalar
 from navrl.ops.kernels.rays import cast_box
 
 BLOCK = 16  # beams; the largest range of a block is compared with the distance of a wall
+ANGLE_ERROR = 0.005  # rad, above that of rough_atan2
 SLACK_M = 1e-3  # m, above the rounding of float32 ranges
+
+
+@unordered_scalar
+def largest_of(row, first, stop):
+    """Return the largest of ``row[first:stop]``, which has no NaN; -infinity without any."""
+    found = np.float32(-np.inf)
+    for beam in range(first, stop):
+        found = max(found, row[beam])
+    return found
 
 
 @scalar
@@ -33,15 +43,25 @@ def farthest(row, begin, end, blocks):
 
     Beams outside of ``begin .. end - 1`` are ignored; a block without others has -infinity.
     """
-    largest = -np.inf
-    for block in range(blocks.shape[0]):
-        found = -np.inf
-        first, stop = max(block * BLOCK, begin), min((block + 1) * BLOCK, end)
-        for beam in range(first, stop):
-            found = max(found, row[beam])
+    largest = np.float32(-np.inf)
+    for block in range(begin // BLOCK, (end - 1) // BLOCK + 1):
+        found = largest_of(row, max(block * BLOCK, begin), min((block + 1) * BLOCK, end))
         blocks[block] = found
         largest = max(largest, found)
     return largest
+
+
+@scalar
+def rough_atan2(y, x):
+    """Return the angle of (x, y) with an error of at most 0.004 rad, at a fraction of the time."""
+    large, small = max(abs(x), abs(y)), min(abs(x), abs(y))
+    ratio = small / large if large > 0.0 else 0.0
+    angle = ratio * (0.25 * math.pi + 0.273 * (1.0 - ratio))
+    if abs(y) > abs(x):
+        angle = 0.5 * math.pi - angle
+    if x < 0.0:
+        angle = math.pi - angle
+    return math.copysign(angle, y)
 
 
 @scalar
@@ -61,8 +81,8 @@ def is_hidden(blocks, begin, end, grid, px, py, distance, extent):
         return False
     angle_min, beams_per_rad, period = grid
     # asin(x) <= pi / 2 * x, and one beam more for rounding
-    half = 0.5 * math.pi * extent / distance * abs(beams_per_rad) + 1.0
-    middle = (math.atan2(py, px) - angle_min) * beams_per_rad
+    half = (0.5 * math.pi * extent / distance + ANGLE_ERROR) * abs(beams_per_rad) + 1.0
+    middle = (rough_atan2(py, px) - angle_min) * beams_per_rad
     for turn in range(-1, 2):
         first = max(int(math.floor(middle - half + turn * period)), begin)
         last = min(int(math.ceil(middle + half + turn * period)), end - 1)
@@ -75,7 +95,7 @@ def is_hidden(blocks, begin, end, grid, px, py, distance, extent):
 @scalar
 def cast_walls(
     row, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
-    walls, num_walls, cell_start, cell_walls, cell_info, blocks,
+    walls, num_walls, cell_start, cell_info, blocks,
 ):  # fmt: skip
     """Write the ranges to all walls that the lidar sees into ``row[begin:end]``.
 
@@ -94,16 +114,15 @@ def cast_walls(
     columns, lines = int(cell_info[3]), int(cell_info[4])
     i = int(math.floor((x - cell_info[0]) / size))
     j = int(math.floor((y - cell_info[1]) / size))
-    limit = farthest(row, begin, end, blocks)
+    blocks[:] = max_range
     scanner = (x, y, cos_yaw, sin_yaw)
     cast_listed(
         row, begin, end, cos, sin, grid, faces, max_range, scanner, walls, blocks,
-        cell_walls, 0, cell_start[1],
+        0, cell_start[1],
     )  # fmt: skip
     ring = 0
     while True:
-        limit = farthest(row, begin, end, blocks)
-        if (ring - 1.5) * size >= limit:
+        if ring != 1 and (ring - 1.5) * size >= farthest(row, begin, end, blocks):
             return
         for column in range(max(i - ring, 0), min(i + ring + 1, columns)):
             is_side = abs(column - i) == ring
@@ -113,19 +132,19 @@ def cast_walls(
                     cell = column * lines + line + 1
                     cast_listed(
                         row, begin, end, cos, sin, grid, faces, max_range, scanner, walls, blocks,
-                        cell_walls, cell_start[cell], cell_start[cell + 1],
+                        cell_start[cell], cell_start[cell + 1],
                     )  # fmt: skip
         ring += 1
 
 
 @scalar
 def cast_listed(
-    row, begin, end, cos, sin, grid, faces, max_range, scanner, walls, blocks, listed, first, stop
+    row, begin, end, cos, sin, grid, faces, max_range, scanner, walls, blocks, first, stop
 ):
-    """Write the ranges to the walls ``listed[first:stop]`` that are not hidden."""
+    """Write the ranges to the walls ``walls[first:stop]`` that are not hidden."""
     x, y, cos_yaw, sin_yaw = scanner
     for index in range(first, stop):
-        cx, cy, hx, hy, cos_box, sin_box, is_seen, _ = walls[listed[index]]
+        cx, cy, hx, hy, cos_box, sin_box, is_seen, _ = walls[index]
         if is_seen == 0.0:
             continue
         dx, dy = cx - x, cy - y
@@ -158,7 +177,7 @@ def cell_range(offset, margin, size, count):
 
 
 @scalar
-def list_near_walls(x, y, reach, walls, num_walls, cell_start, cell_walls, cell_info, near):
+def list_near_walls(x, y, reach, walls, num_walls, cell_start, cell_info, near):
     """Write the indices of walls that may be within ``reach`` of (x, y); return their number."""
     count = 0
     if cell_info[3] == 0.0:
@@ -168,8 +187,8 @@ def list_near_walls(x, y, reach, walls, num_walls, cell_start, cell_walls, cell_
                 count += 1
         return count
     for index in range(cell_start[1]):
-        if wall_in_reach(x, y, reach, walls[cell_walls[index]]):
-            near[count] = cell_walls[index]
+        if wall_in_reach(x, y, reach, walls[index]):
+            near[count] = index
             count += 1
     size, columns, lines = cell_info[2], int(cell_info[3]), int(cell_info[4])
     margin = reach + 0.5 * size  # a wall reaches half a cell beyond the cell of its center
@@ -179,7 +198,7 @@ def list_near_walls(x, y, reach, walls, num_walls, cell_start, cell_walls, cell_
         for line in range(low, high):
             cell = column * lines + line + 1
             for index in range(cell_start[cell], cell_start[cell + 1]):
-                if wall_in_reach(x, y, reach, walls[cell_walls[index]]):
-                    near[count] = cell_walls[index]
+                if wall_in_reach(x, y, reach, walls[index]):
+                    near[count] = index
                     count += 1
     return count

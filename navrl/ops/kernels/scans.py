@@ -40,7 +40,7 @@ def cast_pedestrians(
 
 @kernel
 def scan_worlds_kernel(
-    rows, out, worlds, pose, mount, walls, num_walls, cell_start, cell_walls, cell_info,
+    rows, out, worlds, pose, mount, walls, num_walls, cell_start, cell_info,
     boxes, walk, newest, sweep, cos, sin, grid, max_range,
 ):  # fmt: skip
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots.
@@ -64,5 +64,5 @@ def scan_worlds_kernel(
             )  # fmt: skip
             cast_walls(
                 row, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
-                walls[n], num_walls[n], cell_start[n], cell_walls[n], cell_info[n], blocks,
+                walls[n], num_walls[n], cell_start[n], cell_info[n], blocks,
             )  # fmt: skip

@@ -172,7 +172,7 @@ def drive_substep(x, y, yaw, v, w, command, drive, duration):
 @scalar
 def step_world(
     pose, velocity, tick, command, track, drive, timing, walls, num_walls,
-    cell_start, cell_walls, cell_info, route, arc, walk, gaits, moves, boxes, near,
+    cell_start, cell_info, route, arc, walk, gaits, moves, boxes, near,
     shape, past_pose, past_boxes, present, scan_age, sweep,
 ):  # fmt: skip
     """Advance one world by a step or to its first contact; return (tick, contact).
@@ -186,9 +186,7 @@ def step_world(
     x, y, yaw = pose
     v, w = velocity[0], velocity[1]
     reach = max_reach(pose, velocity, command, track, drive, timing)
-    num_near = list_near_walls(
-        x, y, reach, walls, num_walls, cell_start, cell_walls, cell_info, near
-    )
+    num_near = list_near_walls(x, y, reach, walls, num_walls, cell_start, cell_info, near)
     nearby = near[num_near:]
     num_nearby = list_near_pedestrians(
         x, y, reach, boxes, arc, walk, moves, tick * duration, duration * substeps, nearby
@@ -239,7 +237,7 @@ def step_world(
 @kernel
 def step_worlds_kernel(
     rows, pose, velocity, tick, contact, command, track, drive, timing, walls, num_walls,
-    cell_start, cell_walls, cell_info, route, route_arc, walk, gaits, moves, boxes, near,
+    cell_start, cell_info, route, route_arc, walk, gaits, moves, boxes, near,
     past_pose, past_boxes, present, scan_age, sweep,
 ):  # fmt: skip
     """Advance all worlds that are not in contact; ``near`` [N, W + K] is scratch."""
@@ -248,6 +246,6 @@ def step_worlds_kernel(
         if contact[n] == NONE:
             tick[n], contact[n] = step_world(
                 pose[n], velocity[n], tick[n], command[n], track[n], drive, timing,
-                walls[n], num_walls[n], cell_start[n], cell_walls[n], cell_info[n], route[n],
+                walls[n], num_walls[n], cell_start[n], cell_info[n], route[n],
                 route_arc[n], walk[n], gaits[n], moves[n], boxes[n], near[n], shape, past_pose[n], past_boxes[n], present[n], scan_age[n], sweep[n],
             )  # fmt: skip

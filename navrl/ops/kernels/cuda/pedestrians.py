@@ -7,9 +7,7 @@ from navrl.ops.kernels.pedestrians import place_pedestrians
 
 
 @thread_per_row
-def place_pedestrians_kernel(
-    worlds, states, route, route_arc, walk, gaits, moves, tick, duration
-):
+def place_pedestrians_kernel(worlds, states, route, route_arc, walk, gaits, moves, tick, duration):
     """Place the pedestrians of the listed worlds at their current time."""
     index = cuda.grid(1)
     if index < worlds.shape[0]:

@@ -34,7 +34,7 @@ def seen_shape(shape, index, walls, num_walls, states, walk):
 
 @block_per_row(THREADS)
 def scan_worlds_kernel(
-    out, worlds, pose, mount, walls, num_walls, cell_start, cell_walls, cell_info,
+    out, worlds, pose, mount, walls, num_walls, cell_start, cell_info,
     boxes, walk, newest, sweep, cos, sin, grid, max_range,
 ):  # fmt: skip
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots."""
