@@ -12,6 +12,7 @@ STANCE = 0.6  # share of a stride in which a foot is planted, walking; Winter 20
 STEP_LENGTH_M = 0.4625  # m at speed 0, Seitz and Koester 2012, Fig. 2
 STEP_LENGTH_PER_SPEED = 0.2345  # m per m/s, the same regression
 HALF_STEP_WIDTH_M = 0.09  # m from the center line to the axis of a leg at the height of a shin
+MAX_STRIDE = 0.63  # step lengths from the body's center to that of a foot, at the end of its swing
 MAX_FOOT_REACH_M = 1.0  # m from the body's center to the far side of a leg, up to 3 m/s
 
 

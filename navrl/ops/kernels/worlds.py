@@ -94,12 +94,18 @@ def nearest_point(x, y, cx, cy, hx, hy, cos, sin):
 
 
 @scalar
+def box_distance(x, y, cx, cy, hx, hy, cos, sin):
+    """Return the distance from a point to a box or disc, zero inside."""
+    px, py = nearest_point(x, y, cx, cy, hx, hy, cos, sin)
+    return distance(px - x, py - y)
+
+
+@scalar
 def touched_wall(x, y, radius, walls, near, num_near):
     """Return whether the disc touches one of the walls listed in ``near``."""
     for index in range(num_near):
         cx, cy, hx, hy, cos, sin, _, _ = walls[near[index]]
-        px, py = nearest_point(x, y, cx, cy, hx, hy, cos, sin)
-        if distance(px - x, py - y) <= radius:
+        if box_distance(x, y, cx, cy, hx, hy, cos, sin) <= radius:
             return True
     return False
 

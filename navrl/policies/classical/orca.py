@@ -98,6 +98,7 @@ class Orca(Controller):
 
     def prepare(self, scenarios: ScenarioBatch) -> None:
         """Read the walls and the pedestrians' speeds of the next episodes, ``[N]``."""
+        scenarios = scenarios.touchable(self.robot.height)
         corners = _corners(scenarios.boxes).tolist()
         count = scenarios.num_boxes.tolist()
         here = scenarios.ped_present

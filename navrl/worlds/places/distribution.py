@@ -64,7 +64,11 @@ class PlaceDistribution:
     ) -> None:
         check_positive(robot_radius=robot_radius, robot_height=robot_height, margin=margin)
         check_positive(goal_clearance=goal_clearance, duration_s=duration_s)
-        for name, bounds in (("distance", distance), ("speed", speed), ("num_walkers", num_walkers)):
+        for name, bounds in (
+            ("distance", distance),
+            ("speed", speed),
+            ("num_walkers", num_walkers),
+        ):
             least = 0 if name == "num_walkers" else 1e-6
             if len(bounds) != 2 or not least <= bounds[0] <= bounds[1] < np.inf:
                 raise ValueError(f"{name}={list(bounds)}: must be two numbers, min <= max")
@@ -154,9 +158,7 @@ class PlaceDistribution:
             raise NoPathError(f"no point has goal_clearance={self.goal_clearance}")
         return cells[generator.integers(len(cells))]
 
-    def _recorded(
-        self, generator: np.random.Generator, place: Place
-    ) -> tuple[Pedestrian, ...]:
+    def _recorded(self, generator: np.random.Generator, place: Place) -> tuple[Pedestrian, ...]:
         """Return the pedestrians of a random part of the recording."""
         if not place.people:
             return ()
@@ -178,7 +180,9 @@ class PlaceDistribution:
             if length < 2.0:
                 raise NoPathError("a pedestrian's route is shorter than 2 m")
             offset, speed = generator.uniform(0.0, 2.0 * length), generator.uniform(*self.speed)
-            people.append(Pedestrian(route, float(speed), float(offset), (0.2, 0.2), None, self.body))
+            people.append(
+                Pedestrian(route, float(speed), float(offset), (0.2, 0.2), None, self.body)
+            )
         return tuple(people)
 
 

@@ -104,9 +104,7 @@ def _rings(reader: Reader, key: str) -> list[np.ndarray]:
     return [_ring(inner, name) for name in named]
 
 
-def _rasterized(
-    reader: Reader, outer: list[np.ndarray], holes: list[np.ndarray]
-) -> FreeRegion:
+def _rasterized(reader: Reader, outer: list[np.ndarray], holes: list[np.ndarray]) -> FreeRegion:
     corners = np.concatenate(outer)
     origin = corners.min(0)
     shape = tuple(np.ceil((corners.max(0) - origin) / _CELL_M).astype(int) + 1)

@@ -130,7 +130,5 @@ def _check(file: str | Path, person: int, track: np.ndarray) -> None:
         raise DamagedFileError(file, reason, REMEDY)
 
 
-def _error(
-    file: str | Path, line: int, key: str, value: object, allowed: str
-) -> DamagedFileError:
+def _error(file: str | Path, line: int, key: str, value: object, allowed: str) -> DamagedFileError:
     return DamagedFileError(file, f"line {line}: {key}={value!r}: must be {allowed}", REMEDY)
