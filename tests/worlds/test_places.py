@@ -41,7 +41,11 @@ def test_scene_has_walls_segments_furniture_and_free_region(tmp_path):
     assert place.walls[4].tolist() == pytest.approx([4.0, 1.5, 1.55, 0.05, math.pi / 2])
     assert place.furniture_names == ("Table", "Table")
     assert place.heights[-2:].tolist() == [[0.7, 0.74], [0.0, 0.7]]
-    assert place.free.contains([[1.0, 1.0], [4.0, 1.0], [9.0, 1.0]]).tolist() == [True, False, False]
+    assert place.free.contains([[1.0, 1.0], [4.0, 1.0], [9.0, 1.0]]).tolist() == [
+        True,
+        False,
+        False,
+    ]
     area = place.free.mask.sum() * place.free.cell**2
     assert area == pytest.approx(7.2 * 5.2 - 1.0 * 3.1, rel=0.03)
 
