@@ -172,7 +172,7 @@ def test_episodes_of_places_are_reproducible_and_clear(tmp_path):
     first, second = (suite.scenarios() for suite in suites)
     assert [s.to_json() for s in first] == [s.to_json() for s in second]
     assert [s.kind for s in first[:4]] == ["barn_000", "barn_001", "hall", "barn_000"]
-    grids = [suites[0].distribution._map(k) for k in range(3)]
+    grids = [suites[0].distribution.map_of(k) for k in range(3)]
     for index, scenario in enumerate(first):
         distance = grids[index % 3].distance(scenario.path)
         assert distance.min() >= 0.178
@@ -185,6 +185,11 @@ def test_episodes_of_places_are_reproducible_and_clear(tmp_path):
     assert int(batch.num_furniture[2]) == 2
     assert not bool(batch.box_is_disc[2].any())
     assert int(batch.box_is_disc[0].sum()) == 2
+
+
+def test_episodes_do_not_depend_on_the_number_of_processes(tmp_path):
+    suite = Suite("mine", 3, 33, PlaceDistribution(str(place_folder(tmp_path))))
+    assert suite.hash(suite.scenarios(num_workers=2)) == suite.hash()
 
 
 def test_touchable_obstacles_leave_out_table_tops(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import zlib
 from collections.abc import Sequence
 
@@ -20,6 +19,7 @@ from navrl.worlds.planner import NoPathError
 from navrl.worlds.scenario import Scenario
 
 _TRIES = 200
+_MAX_MAPS = 16  # a map of 15 m x 15 m takes 1.5 MB
 _START_CLEARANCE_M = 1.0  # m from the robot to pedestrians at the start
 
 
@@ -84,7 +84,18 @@ class PlaceDistribution:
         self.robot_height, self.goal_clearance = robot_height, goal_clearance
         self.clearance, self.comfort = robot_radius + margin, comfort
         self.duration_s = duration_s
-        self._map = functools.lru_cache(maxsize=8)(self._make_map)
+        self._maps: dict[int, ClearanceMap] = {}  # of the last places
+
+    def __getstate__(self) -> dict:
+        return {**vars(self), "_maps": {}}  # for worker processes
+
+    def map_of(self, number: int) -> ClearanceMap:
+        """Return the map of a place by its number; the last few are retained."""
+        if number not in self._maps:
+            if len(self._maps) >= _MAX_MAPS:
+                self._maps.pop(next(iter(self._maps)))
+            self._maps[number] = self._make_map(number)
+        return self._maps[number]
 
     def _make_map(self, number: int) -> ClearanceMap:
         place = self.places[number]
@@ -103,7 +114,7 @@ class PlaceDistribution:
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
         number = index % len(self.places)
-        place, grid = self.places[number], self._map(number)
+        place, grid = self.places[number], self.map_of(number)
         reason = None
         for _ in range(_TRIES):
             try:
