@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -15,12 +14,12 @@ from navrl.ops.kernels.pedestrians import place_pedestrians_kernel
 from navrl.ops.kernels.scans import scan_worlds_kernel
 from navrl.ops.kernels.worlds import step_worlds_kernel
 from navrl.ops.raycast import beam_directions, beam_grid
+from navrl.sim.compiled_drive import drive_parameters, is_compiled
 from navrl.sim.crowd import PedestrianModel, step_moves
 from navrl.sim.delays import Delays
-from navrl.sim.differential_drive import DifferentialDrive
 from navrl.sim.lidar import Lidar
-from navrl.sim.robot import RobotModel
 from navrl.sim.obstacle_rows import gaits_of, packed_walk, packed_walls, sorted_walls
+from navrl.sim.robot import RobotModel
 from navrl.sim.scenario_rows import compact_pedestrians, extended
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
@@ -91,7 +90,7 @@ class BatchedSimulator(Simulator):
         )
         check_positive(max_walls=max_walls)
         self._timing = (self.substep_s, self.substeps, self.scan_memory.max_jitter)
-        self._drive = _drive_parameters(robot)
+        self._drive = drive_parameters(robot)
         self._mount = torch.tensor(lidar.mount, dtype=torch.float64, device=self.device)
         self._every_world = torch.arange(self.num_worlds, device=self.device)
         self._beams = (*beam_directions(*lidar.beams, self.device), beam_grid(*lidar.beams))
@@ -216,7 +215,7 @@ class BatchedSimulator(Simulator):
             targets = self.pedestrians.targets(self.state(), self.time_step_s)
             self._moves = step_moves(rows["boxes"], targets, self.time_step_s)
         velocities = None
-        if not _is_compiled(self.robot):
+        if not is_compiled(self.robot):
             self._track, velocities = self.trajectory(rows["pose"], rows["velocity"], commands)
         before = rows["tick"].clone() if velocities is not None else None
         past = self.scan_memory.rows
@@ -314,23 +313,3 @@ class BatchedSimulator(Simulator):
         self.load_clock_state(state)
         self._is_ready = not bool(self._rows["pose"].isnan().any())
         self._make_scratch()
-
-
-def _is_compiled(robot: RobotModel) -> TypeGuard[DifferentialDrive]:
-    """Return whether the kernel moves the robot, rather than its own torch code."""
-    return isinstance(robot, DifferentialDrive) and robot.is_compiled
-
-
-def _drive_parameters(robot: RobotModel) -> tuple:
-    """Return the ``drive`` argument of the kernel for a differential drive or another model."""
-    if not _is_compiled(robot):
-        return (robot.radius, True, 1.0, math.inf, 0.0, 0.0, 0.0)
-    return (
-        robot.radius,
-        False,
-        robot.wheel_separation,
-        robot.acceleration_limit,
-        robot.min_speed,
-        robot.max_speed,
-        robot.max_turn_rate,
-    )

@@ -13,6 +13,7 @@ from navrl.ops.bodies import BODY_BOX, BODY_LEGS
 from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, classify_contact
 from navrl.ops.gait import foot_center
 from navrl.ops.raycast import beam_directions
+from navrl.sim.bullet_bodies import BOX, DISC, ROBOT_HEIGHT, bounds, prism_body, robot_body
 from navrl.sim.lidar import Lidar
 from navrl.sim.obstacle_rows import visibility
 from navrl.sim.robot import RobotModel
@@ -24,52 +25,15 @@ if TYPE_CHECKING:
 WALL_HEIGHT = 1.2  # m; both heights grow if the lidar scans above them
 PEDESTRIAN_HEIGHT = 1.0  # m; lower than walls, so that a ray from above hits a wall first
 HEADROOM = 0.5  # m of obstacle above the scan plane
-ROBOT_HEIGHT = 0.42  # m, TurtleBot 2
 REACH = 1e-3  # m; the exact distance is computed for bodies nearer than this
-
 AWAY_M = 1e5  # m, position of absent pedestrians
 STATIC_GROUP = 2  # PyBullet's collision group of bodies without mass, the targets of rays
-
 SEEN_GROUP, TOUCHED_GROUP = 128, 64  # of bodies that only the lidar or only the hull meets
-NUM_SIDES = 90  # of the prism of a disc; its radius varies by 0.06 %
 
 WALL_COLOR = (0.66, 0.69, 0.74, 1.0)
 PEDESTRIAN_COLOR = (0.86, 0.44, 0.20, 1.0)
 FLOOR_COLOR = (0.95, 0.95, 0.93, 1.0)
 PATH_COLOR = (0.25, 0.65, 0.35, 1.0)
-HULL_COLOR = (0.15, 0.15, 0.17, 1.0)
-PLATE_COLOR = (0.45, 0.45, 0.50, 1.0)
-LIDAR_COLOR = (0.10, 0.35, 0.75, 1.0)
-
-
-def _prism(outline: list[tuple[float, float]]) -> tuple[list, list]:
-    """Return vertices and triangles of a prism of height 2 over a convex outline.
-
-    Rays intersect triangles exactly, while PyBullet's box shape uses an iteration that is three
-    times slower and has errors of a few centimeters near edges.
-    """
-    count = len(outline)
-    vertices = [[x, y, z] for z in (-1.0, 1.0) for x, y in outline]
-    triangles: list[int] = []
-    for first in range(count):
-        second = (first + 1) % count
-        triangles += [first, second, second + count, first, second + count, first + count]
-    for first in range(1, count - 1):
-        triangles += [0, first + 1, first]
-        triangles += [count, count + first, count + first + 1]
-    return vertices, triangles
-
-
-def _circle(num_sides: int) -> list[tuple[float, float]]:
-    """Return the corners of a regular polygon with the area of a circle of radius 1."""
-    step = 2.0 * math.pi / num_sides
-    radius = math.sqrt(step / math.sin(step))
-    corners = (index * step for index in range(num_sides))
-    return [(radius * math.cos(angle), radius * math.sin(angle)) for angle in corners]
-
-
-BOX = _prism([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-DISC = _prism(_circle(NUM_SIDES))
 
 
 class Scene:
@@ -118,8 +82,10 @@ class Scene:
         for person in zip(*(kind[present].tolist() for kind in kinds), strict=True):
             self._people.append(self._person_bodies(*person))
         self._pedestrians = {body for bodies in self._people for body in bodies}
-        self._robot = self._robot_body()
-        self._view = _bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
+        height = max(ROBOT_HEIGHT, 2.0 * max(self._lidar.height, self._height))
+        self._robot = robot_body(self._client, self._radius, height)
+        self.bodies.append(self._robot)
+        self._view = bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
         self._add_surroundings(scenario)
 
     def _add_walls(self, scenario: dict[str, Tensor], walls: list[list[float]]) -> None:
@@ -132,7 +98,7 @@ class Scene:
             if not (is_seen or is_touched):
                 continue
             prism = DISC if is_disc else BOX
-            body = self._prism_body(prism, wall[2], wall[3], self._wall_height, WALL_COLOR)
+            body = self._prism(prism, wall[2], wall[3], self._wall_height, WALL_COLOR)
             self._move(body, wall[0], wall[1], 0.5 * self._wall_height, wall[4])
             self._set_role(body, is_seen, is_touched)
 
@@ -140,11 +106,11 @@ class Scene:
         """Return the bodies of a pedestrian: its body and, if it has them, two legs."""
         prism = BOX if kind == BODY_BOX else DISC
         size = (self._pedestrian_height, PEDESTRIAN_COLOR)
-        body = self._prism_body(prism, half[0], half[1], *size)
+        body = self._prism(prism, half[0], half[1], *size)
         if kind != BODY_LEGS:
             return [body]
         self._set_role(body, is_seen=False, is_touched=True)
-        legs = [self._prism_body(DISC, leg_radius, leg_radius, *size) for _ in range(2)]
+        legs = [self._prism(DISC, leg_radius, leg_radius, *size) for _ in range(2)]
         return [body, *legs]
 
     def _set_role(self, body: int, is_seen: bool, is_touched: bool) -> None:
@@ -156,46 +122,10 @@ class Scene:
         if not is_touched:
             self._untouched.add(body)
 
-    def _prism_body(
-        self, prism: tuple[list, list], hx: float, hy: float, height: float, color: tuple
-    ) -> int:
-        client, half = self._client, [hx, hy, 0.5 * height]
-        vertices, triangles = prism
-        shape = client.createCollisionShape(
-            client.GEOM_MESH,
-            vertices=vertices,
-            indices=triangles,
-            meshScale=half,
-            flags=client.GEOM_FORCE_CONCAVE_TRIMESH,
-        )
-        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=color)
-        if prism is DISC:
-            visual = client.createVisualShape(
-                client.GEOM_CYLINDER, radius=hx, length=height, rgbaColor=color
-            )
-        body = self._body(shape, visual)
-        client.changeDynamics(body, -1, collisionMargin=0.0)
+    def _prism(self, prism: tuple, hx: float, hy: float, height: float, color: tuple) -> int:
+        body = prism_body(self._client, prism, [hx, hy, 0.5 * height], color)
+        self.bodies.append(body)
         return body
-
-    def _robot_body(self) -> int:
-        client, r = self._client, self._radius
-        height = max(ROBOT_HEIGHT, 2.0 * self._lidar.height)
-        shape = client.createCollisionShape(client.GEOM_CAPSULE, radius=r, height=height)
-        # base, top plate and lidar, as (radius, length, z of the center, color); body at the floor
-        parts = [
-            (r, 0.12, 0.06, HULL_COLOR),
-            (0.25 * r, 0.28, 0.26, HULL_COLOR),
-            (0.9 * r, 0.02, 0.41, PLATE_COLOR),
-            (0.2 * r, 0.06, 0.45, LIDAR_COLOR),
-        ]
-        visual = client.createVisualShapeArray(
-            shapeTypes=[client.GEOM_CYLINDER] * len(parts),
-            radii=[part[0] for part in parts],
-            lengths=[part[1] for part in parts],
-            visualFramePositions=[[0.0, 0.0, part[2]] for part in parts],
-            rgbaColors=[part[3] for part in parts],
-        )
-        return self._body(shape, visual, mass=1.0)  # not a static body, so rays ignore it
 
     def _add_surroundings(self, scenario: dict[str, Tensor]) -> None:
         """Add the visual-only bodies: floor and goal."""
@@ -330,15 +260,3 @@ class Scene:
             width, height, view, lens, shadow=0, renderer=client.ER_TINY_RENDERER
         )
         return np.reshape(picture[2], (height, width, 4))[..., :3].astype(np.uint8)
-
-
-def _bounds(boxes: list[list[float]]) -> tuple[float, float, float, float]:
-    """Return the bounding box (cx, cy, hx, hy) of all boxes, m."""
-    low, high = [], []
-    for cx, cy, hx, hy, yaw in boxes:
-        cos, sin = abs(math.cos(yaw)), abs(math.sin(yaw))
-        wx, wy = cos * hx + sin * hy, sin * hx + cos * hy
-        low.append((cx - wx, cy - wy))
-        high.append((cx + wx, cy + wy))
-    (x0, y0), (x1, y1) = np.min(low, axis=0).tolist(), np.max(high, axis=0).tolist()
-    return 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0), 0.5 * (y1 - y0)

@@ -117,7 +117,7 @@ def _widened(scenarios: ScenarioBatch, num_walls: int, num_points: int) -> dict[
 
 
 def extended(points: Tensor, count: int) -> Tensor:
-    """Return points ``[N, K, R, ...]`` with the last one repeated ``count`` times; zeros if R = 0."""
+    """Return points ``[N, K, R, ...]`` with ``count`` more: the last one, zeros if R = 0."""
     if points.shape[2] == 0:
         return points.new_zeros(*points.shape[:2], count, *points.shape[3:])
     last = points[:, :, -1:].expand(-1, -1, count, *points.shape[3:])

@@ -25,7 +25,7 @@ class ScenarioBatch:
     """S scenarios, padded to the same number of walls W and pedestrians K.
 
     Args:
-        boxes: ``[S, W, 5]`` float64 obstacles, discs as their bounding squares after the boxes; rows
+        boxes: ``[S, W, 5]`` float64 obstacles, boxes and then the bounding squares of discs; rows
             from ``num_boxes`` on are padding.
         num_boxes: ``[S]`` int64.
         box_is_disc: ``[S, W]`` bool, the obstacle is a disc of radius hx.

@@ -94,8 +94,8 @@ class Pedestrian:
             ValueError: If a shape or value is out of range.
 
         Example:
-            >>> person = Pedestrian.tracked(np.array([0.0, 2.0]), np.array([[0.0, 0.0], [3.0, 0.0]]))
-            >>> person.speed
+            >>> positions = np.array([[0.0, 0.0], [3.0, 0.0]])
+            >>> Pedestrian.tracked(np.array([0.0, 2.0]), positions).speed
             1.5
         """
         times, positions = np.asarray(times, float), np.asarray(positions, float)

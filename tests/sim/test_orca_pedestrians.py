@@ -1,4 +1,4 @@
-"""ORCA pedestrians: they avoid the robot if they see it, walls and each other, on both simulators."""
+"""ORCA pedestrians avoid the robot if they see it, walls and each other."""
 
 import dataclasses
 
@@ -100,7 +100,7 @@ def test_orca_pedestrians_continue_from_a_stored_state():
 
 
 def test_values_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="margin=-0.1: must be >= 0"):
+    with pytest.raises(ValueError, match=r"margin=-0\.1: must be >= 0"):
         OrcaPedestrians(margin=-0.1)
     with pytest.raises(ValueError, match="time_horizon=0"):
         OrcaPedestrians(time_horizon=0)

@@ -64,7 +64,7 @@ def test_clearance_of_cells_is_the_distance_to_the_shapes():
 
 
 def test_values_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="comfort=0.2: must be > clearance"):
+    with pytest.raises(ValueError, match=r"comfort=0\.2: must be > clearance"):
         ClearanceMap(room(), NO_DISCS, clearance=0.23, comfort=0.2)
     with pytest.raises(ValueError, match="must have at least one obstacle"):
         ClearanceMap(np.zeros((0, 5)), NO_DISCS)

@@ -1,4 +1,4 @@
-"""Places from files: read with the right values, refused by name, planned in, the same each time."""
+"""Places from files: right values, refusals by name, paths, the same episodes each time."""
 
 import copy
 import math
@@ -107,7 +107,7 @@ def test_barn_world_has_cylinders_at_their_cells(tmp_path):
 def test_malformed_barn_world_is_refused(tmp_path):
     for key, value in (("occ", ["zz"]), ("occ", []), ("pitch", 0), ("shape", [30]), ("goal", 1)):
         worlds = {**BARN, "occ": [barn_world([(1, 1)])], key: value}
-        with pytest.raises(DamagedFileError, match=f"barn.json: {key}.*must be"):
+        with pytest.raises(DamagedFileError, match=rf"barn\.json: {key}.*must be"):
             load_barn(write(tmp_path, "barn.json", worlds))
     with pytest.raises(ValueError, match="index=4: must be in 0 to 0"):
         load_barn(write(tmp_path, "ok.json", {**BARN, "occ": [barn_world([(1, 1)])]}), [4])
@@ -146,7 +146,7 @@ def test_malformed_tracks_are_refused_by_line_and_value(tmp_path, text, message)
 def test_folder_names_a_track_without_a_place_and_repeated_places(tmp_path):
     write(tmp_path, "hall.json", HALL)
     write(tmp_path, "other.csv", TRACKS)
-    with pytest.raises(DamagedFileError, match="must lie beside a place other.json"):
+    with pytest.raises(DamagedFileError, match=r"must lie beside a place other\.json"):
         load_places(tmp_path)
     (tmp_path / "other.csv").unlink()
     write(tmp_path, "second.json", HALL)

@@ -84,8 +84,8 @@ def is_hidden(blocks, begin, end, grid, px, py, distance, extent):
     half = (0.5 * math.pi * extent / distance + ANGLE_ERROR) * abs(beams_per_rad) + 1.0
     middle = (rough_atan2(py, px) - angle_min) * beams_per_rad
     for turn in range(-1, 2):
-        first = max(int(math.floor(middle - half + turn * period)), begin)
-        last = min(int(math.ceil(middle + half + turn * period)), end - 1)
+        first = max(math.floor(middle - half + turn * period), begin)
+        last = min(math.ceil(middle + half + turn * period), end - 1)
         for block in range(first // BLOCK, last // BLOCK + 1 if first <= last else 0):
             if blocks[block] > gap:
                 return False
@@ -112,8 +112,8 @@ def cast_walls(
         return
     size = cell_info[2]
     columns, lines = int(cell_info[3]), int(cell_info[4])
-    i = int(math.floor((x - cell_info[0]) / size))
-    j = int(math.floor((y - cell_info[1]) / size))
+    i = math.floor((x - cell_info[0]) / size)
+    j = math.floor((y - cell_info[1]) / size)
     blocks[:] = max_range
     scanner = (x, y, cos_yaw, sin_yaw)
     cast_listed(
@@ -171,8 +171,8 @@ def wall_in_reach(x, y, reach, wall):
 @scalar
 def cell_range(offset, margin, size, count):
     """Return the first cell and the end of those within ``margin`` of a coordinate."""
-    first = int(math.floor((offset - margin) / size))
-    last = int(math.floor((offset + margin) / size))
+    first = math.floor((offset - margin) / size)
+    last = math.floor((offset + margin) / size)
     return max(first, 0), min(last + 1, count)
 
 

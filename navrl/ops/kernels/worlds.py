@@ -253,5 +253,6 @@ def step_worlds_kernel(
             tick[n], contact[n] = step_world(
                 pose[n], velocity[n], tick[n], command[n], track[n], drive, timing,
                 walls[n], num_walls[n], cell_start[n], cell_info[n], route[n],
-                route_arc[n], walk[n], gaits[n], moves[n], boxes[n], near[n], shape, past_pose[n], past_boxes[n], present[n], scan_age[n], sweep[n],
+                route_arc[n], walk[n], gaits[n], moves[n], boxes[n], near[n], shape,
+                past_pose[n], past_boxes[n], present[n], scan_age[n], sweep[n],
             )  # fmt: skip

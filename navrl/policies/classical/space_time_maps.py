@@ -9,8 +9,8 @@ import torch
 from skimage.graph import MCP_Geometric
 from torch import Tensor
 
-from navrl.ops.distance import point_box_distance
 from navrl.ops.bodies import BODY_LEGS
+from navrl.ops.distance import point_box_distance
 from navrl.ops.gait import HALF_STEP_WIDTH_M, MAX_STRIDE
 from navrl.worlds import ScenarioBatch, pedestrian_states
 

@@ -141,7 +141,8 @@ class PlaceDistribution:
                 heights=place.heights,
             )
         raise RuntimeError(
-            f"no episode in {_TRIES} draws in place {place.name} ({suite}, {seed}, {index}): {reason}"
+            f"no episode in {_TRIES} draws in place {place.name} ({suite}, {seed}, {index}): "
+            f"{reason}"
         )
 
     def _route(

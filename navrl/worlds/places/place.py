@@ -32,10 +32,6 @@ class FreeRegion:
         return inside & self.mask[cells[..., 0], cells[..., 1]]
 
 
-def _no_rows(columns: int):
-    return field(default_factory=lambda: np.zeros((0, columns)))
-
-
 @dataclass(frozen=True)
 class Place:
     """Place of a file.
@@ -59,13 +55,13 @@ class Place:
     """
 
     name: str
-    walls: np.ndarray = _no_rows(5)
+    walls: np.ndarray = field(default_factory=lambda: np.zeros((0, 5)))
     wall_height: float = 2.5
-    furniture: np.ndarray = _no_rows(5)
-    furniture_heights: np.ndarray = _no_rows(2)
+    furniture: np.ndarray = field(default_factory=lambda: np.zeros((0, 5)))
+    furniture_heights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     furniture_names: tuple[str, ...] = ()
-    discs: np.ndarray = _no_rows(3)
-    disc_heights: np.ndarray = _no_rows(2)
+    discs: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    disc_heights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     free: FreeRegion | None = None
     start: np.ndarray | None = None
     goal: np.ndarray | None = None

@@ -1,4 +1,4 @@
-"""Checked values of untrusted files; errors have the file, the key, the value and what is allowed."""
+"""Checked values of untrusted files; errors have the file, key, value and what is allowed."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ def load_tracks(
     leg_radius: float = 0.07,
     smooth: bool = False,
 ) -> tuple[Pedestrian, ...]:
-    """Read recorded pedestrians, one per id, in order of their ids.
+    r"""Read recorded pedestrians, one per id, in order of their ids.
 
     Args:
         file: CSV with the header ``t,id,x,y``: time in s, a whole number, m, m. Lines that begin
@@ -41,7 +42,7 @@ def load_tracks(
     Example:
         >>> import pathlib, tempfile
         >>> file = pathlib.Path(tempfile.mkdtemp()) / "people.csv"
-        >>> _ = file.write_text("t,id,x,y\\n0.0,7,1.0,2.0\\n0.5,7,1.5,2.0\\n")
+        >>> _ = file.write_text("t,id,x,y\n0.0,7,1.0,2.0\n0.5,7,1.5,2.0\n")
         >>> load_tracks(file)[0].speed
         1.0
     """
@@ -89,7 +90,7 @@ def window(
     return tuple(found)
 
 
-def _rows(file: str | Path):
+def _rows(file: str | Path) -> Iterator[tuple]:
     """Yield the line number and the four numbers of each row."""
     header: list[str] | None = None
     for number, line in enumerate(read_text(file, REMEDY).splitlines(), start=1):
