@@ -10,6 +10,7 @@ from .office import Office
 from .places.barn import load_barn
 from .places.distribution import PlaceDistribution
 from .places.folder import folder_hash, load_places
+from .places.igibson import load_igibson
 from .places.place import FreeRegion, Place
 from .places.scene import load_scene
 from .places.tracks import load_tracks
@@ -44,6 +45,7 @@ __all__ = [
     "frozen_episodes",
     "frozen_names",
     "load_barn",
+    "load_igibson",
     "load_places",
     "load_scene",
     "load_tracks",

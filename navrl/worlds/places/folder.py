@@ -8,11 +8,12 @@ from pathlib import Path
 
 from navrl.untrusted import DamagedFileError, read_json
 from navrl.worlds.places import barn, scene
+from navrl.worlds.places.igibson import load_igibson
 from navrl.worlds.places.place import Place
 from navrl.worlds.places.reading import REMEDY
 from navrl.worlds.places.tracks import load_tracks
 
-SUFFIXES = (".json", ".csv")
+SUFFIXES = (".json", ".csv", "_best.urdf", "floor_trav_no_obj_0.png")
 
 
 def place_files(folder: str | Path) -> list[Path]:
@@ -24,8 +25,9 @@ def place_files(folder: str | Path) -> list[Path]:
     root = Path(folder)
     if not root.is_dir():
         raise FileNotFoundError(f"data={folder}: no such folder")
-    files = sorted(file for file in root.rglob("*") if file.suffix in SUFFIXES and file.is_file())
-    if not any(file.suffix == ".json" for file in files):
+    found = (file for file in root.rglob("*") if file.name.endswith(SUFFIXES) and file.is_file())
+    files = sorted(found)
+    if not any(file.suffix in (".json", ".urdf") for file in files):
         raise FileNotFoundError(f"data={folder}: has no places, no file ends in .json")
     return files
 
@@ -43,7 +45,7 @@ def load_places(folder: str | Path) -> list[Place]:
     """Read all places of a folder, in the order of their files' paths.
 
     A file ``NAME.json`` is a scene or a file of BARN worlds; ``NAME.csv`` beside it has its
-    recorded pedestrians.
+    recorded pedestrians. A folder with ``urdf/NAME_best.urdf`` is an iGibson scene NAME.
 
     Raises:
         FileNotFoundError: If the folder does not exist or has no places.
@@ -52,7 +54,7 @@ def load_places(folder: str | Path) -> list[Place]:
     files = place_files(folder)
     places: dict[str, Place] = {}
     for file in files:
-        if file.suffix != ".json":
+        if file.suffix not in (".json", ".urdf"):
             continue
         for place in _load(file):
             if place.name in places:
@@ -65,6 +67,8 @@ def load_places(folder: str | Path) -> list[Place]:
 
 
 def _load(file: Path) -> list[Place]:
+    if file.suffix == ".urdf":
+        return [load_igibson(file.parent.parent)]
     kind = read_json(file, REMEDY).get("format")
     if kind == barn.FORMAT:
         return barn.load_barn(file)
