@@ -40,7 +40,7 @@ def nearest_point_on_box(
 def nearest_point_on_disc(
     x: float, y: float, cx: float, cy: float, radius: float
 ) -> tuple[float, float]:
-    """Return the point of a disc that is nearest to (x, y); this point itself if inside the disc.
+    """Return the point of a disc that is nearest to (x, y); this point itself if inside.
 
     All lengths are in m.
 

@@ -1,4 +1,4 @@
-"""Base class of reactive pedestrians that walk to and fro between the points of their routes."""
+"""Base class of reactive pedestrians that walk back and forth on their routes."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _SMOOTHING_M = (0.8, 0.4, 0.2)  # lengths of the moving average, the first that 
 
 
 class ClearanceMap:
-    """Distances to obstacles on a grid, with paths that keep away from them where there is space.
+    """Distances to obstacles on a grid, and paths that keep away from obstacles.
 
     A path may be as close to obstacles as ``clearance``, and a cell nearer than ``comfort`` costs
     up to ``1 + weight`` times its length. So a path goes through the middle of a doorway without

@@ -78,7 +78,7 @@ def _people(scenario: Scenario, max_pedestrians: int, max_points: int) -> dict[s
 
 
 def default_tensors(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Return the tensors that data of older versions lacks: without furniture, discs and tracks."""
+    """Return the tensors that data of older versions lacks: no discs, no tracks."""
     boxes, present = tensors["boxes"], tensors["ped_present"]
     heights = boxes.new_zeros(*boxes.shape[:-1], 2)
     heights[..., 1] = torch.inf

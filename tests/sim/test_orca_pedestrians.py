@@ -38,7 +38,7 @@ def test_pedestrian_walks_around_a_robot_that_it_sees():
     assert states[-1].pedestrians[0, 0, 0] < -1.0  # it has passed
 
 
-def test_pedestrian_does_not_react_to_a_robot_that_it_does_not_see():
+def test_pedestrian_does_not_react_to_an_unseen_robot():
     _, states = play(ONCOMING, 30, sees_robot=False)
     assert states[-1].contact.tolist() == [Contact.HIT_BY_PEDESTRIAN]
 
@@ -60,7 +60,7 @@ def test_pedestrian_turns_at_the_end_of_its_route():
     assert y[y.argmax() :].min() < 2.5
 
 
-def test_tracked_and_stationary_pedestrians_keep_to_their_scenario():
+def test_tracked_and_stationary_pedestrians_do_not_react():
     track = Pedestrian.tracked(np.array([0.0, 4.0]), np.array([[2.0, -2.0], [2.0, 2.0]]))
     still = Pedestrian(np.array([[2.5, 1.0]]), 0.0, 0.0)
     _, states = play(scene(pedestrians=[track, still, walker((4.0, 2.0), (1.0, -1.0))]), 10)

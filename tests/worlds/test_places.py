@@ -143,7 +143,7 @@ def test_malformed_tracks_are_refused_by_line_and_value(tmp_path, text, message)
     assert "people.csv" in str(error.value)
 
 
-def test_folder_names_a_track_without_a_place_and_repeated_places(tmp_path):
+def test_folder_refuses_tracks_without_a_place_and_repeated_ids(tmp_path):
     write(tmp_path, "hall.json", HALL)
     write(tmp_path, "other.csv", TRACKS)
     with pytest.raises(DamagedFileError, match=r"must lie beside a place other\.json"):

@@ -1,4 +1,4 @@
-"""Walls of a world by cells of a grid, so that a scan or a contact check visits only near ones.
+"""Walls by cells of a grid, so that scans and contact checks visit only near ones.
 
 A world with few walls has no grid. Walls are sorted by the cell of their center; those that do not
 fit a cell come first. Arrays, one row per world:
