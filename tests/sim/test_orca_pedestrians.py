@@ -99,7 +99,7 @@ def test_orca_pedestrians_continue_from_a_stored_state():
         assert torch.equal(got.nan_to_num(9.0), expected.nan_to_num(9.0))
 
 
-def test_values_out_of_range_are_refused():
+def test_values_out_of_range_raise():
     with pytest.raises(ValueError, match=r"margin=-0\.1: must be >= 0"):
         OrcaPedestrians(margin=-0.1)
     with pytest.raises(ValueError, match="time_horizon=0"):

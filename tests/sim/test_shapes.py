@@ -66,7 +66,7 @@ def test_robot_stops_at_the_surface_of_a_disc():
         ((0.45, 0.5), False, True),
     ],
 )
-def test_heights_decide_what_is_seen_and_touched(span, seen, touched):
+def test_heights_determine_visibility_and_contact(span, seen, touched):
     box = furnished(boxes=[(1.0, 0.0, 0.1, 1.0, 0.3)], heights=[span])
     disc = furnished(discs=[(1.0, 0.0, 0.3)], heights=[span])
     sim = simulator(2, height=0.2)

@@ -63,7 +63,7 @@ def test_clearance_of_cells_is_the_distance_to_the_shapes():
     np.testing.assert_allclose(grid.clearance[i, j], wanted, atol=1e-9)
 
 
-def test_values_out_of_range_are_refused():
+def test_values_out_of_range_raise():
     with pytest.raises(ValueError, match=r"comfort=0\.2: must be > clearance"):
         ClearanceMap(room(), NO_DISCS, clearance=0.23, comfort=0.2)
     with pytest.raises(ValueError, match="must have at least one obstacle"):

@@ -67,14 +67,14 @@ def test_episodes_are_drawn_in_a_scene_of_igibson(tmp_path):
         ("<robot", '<!DOCTYPE a [<!ENTITY b "c">]><robot', "no document type"),
     ],
 )
-def test_malformed_urdf_is_refused_by_key_and_value(tmp_path, old, new, message):
+def test_malformed_urdf_names_key_and_value(tmp_path, old, new, message):
     with pytest.raises(DamagedFileError) as error:
         load_igibson(mini(tmp_path, URDF.replace(old, new)))
     assert message in str(error.value)
     assert "Mini_0_int_best.urdf" in str(error.value)
 
 
-def test_map_without_traversable_cells_is_refused(tmp_path):
+def test_map_without_traversable_cells_raises(tmp_path):
     scene = mini(tmp_path)
     Image.fromarray(np.zeros((800, 800), np.uint8)).save(
         scene / "layout" / "floor_trav_no_obj_0.png"

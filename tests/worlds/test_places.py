@@ -77,7 +77,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("keys", "value", "message"), BROKEN)
-def test_malformed_scene_is_refused_by_key_and_value(tmp_path, keys, value, message):
+def test_malformed_scene_names_key_and_value(tmp_path, keys, value, message):
     scene = copy.deepcopy(HALL)
     part = scene
     for key in keys[:-1]:
@@ -104,7 +104,7 @@ def test_barn_world_has_cylinders_at_their_cells(tmp_path):
     assert (second.name, second.goal.tolist()) == ("barn_001", [-2.25, 8.0])
 
 
-def test_malformed_barn_world_is_refused(tmp_path):
+def test_malformed_barn_world_raises(tmp_path):
     for key, value in (("occ", ["zz"]), ("occ", []), ("pitch", 0), ("shape", [30]), ("goal", 1)):
         worlds = {**BARN, "occ": [barn_world([(1, 1)])], key: value}
         with pytest.raises(DamagedFileError, match=rf"barn\.json: {key}.*must be"):
@@ -136,14 +136,14 @@ def test_tracks_are_sorted_by_id_and_time(tmp_path):
         ("t,id,x,y\n0,1,2,3\n", "no pedestrian with two rows"),
     ],
 )
-def test_malformed_tracks_are_refused_by_line_and_value(tmp_path, text, message):
+def test_malformed_tracks_name_line_and_value(tmp_path, text, message):
     with pytest.raises(DamagedFileError) as error:
         load_tracks(write(tmp_path, "people.csv", text))
     assert message in str(error.value)
     assert "people.csv" in str(error.value)
 
 
-def test_folder_refuses_tracks_without_a_place_and_repeated_ids(tmp_path):
+def test_folder_with_lone_tracks_or_repeated_ids_raises(tmp_path):
     write(tmp_path, "hall.json", HALL)
     write(tmp_path, "other.csv", TRACKS)
     with pytest.raises(DamagedFileError, match=r"must lie beside a place other\.json"):
