@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from navrl.sim.state import SimState
     from navrl.worlds import ScenarioBatch
 
+RVOSimulator = Any  # pyrvo is an extra, and has no annotations
 _AWAY_M = 1e4  # m, position of absent pedestrians, and of a robot that is not seen
 _MAX_SPEED_SHARE = 1.3  # of the preferred speed, to which a pedestrian may hurry
 
@@ -52,6 +53,7 @@ class OrcaPedestrians(RouteWalkers):
         wall_horizon: float = 0.5,
         sidestep: float = 0.05,
     ) -> None:
+        """Check the values."""
         super().__init__()
         check_positive(
             robot_radius=robot_radius, time_horizon=time_horizon, wall_horizon=wall_horizon
@@ -64,7 +66,7 @@ class OrcaPedestrians(RouteWalkers):
         self.sees_robot, self.robot_radius, self.margin = sees_robot, robot_radius, margin
         self.time_horizon, self.wall_horizon = time_horizon, wall_horizon
         self.sidestep = sidestep
-        self._worlds: dict[int, Any] = {}
+        self._worlds: dict[int, RVOSimulator] = {}
 
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Start episodes; see :meth:`navrl.sim.PedestrianModel.reset`."""
@@ -107,7 +109,7 @@ class OrcaPedestrians(RouteWalkers):
                 found[world] = torch.tensor(self._solve(simulation, *row[1:]), dtype=found.dtype)
         return found
 
-    def _simulation(self, world: int, rows: dict[str, Tensor], duration_s: float) -> Any:
+    def _simulation(self, world: int, rows: dict[str, Tensor], duration_s: float) -> RVOSimulator:
         """Return the RVO2 simulation of a world: walls, the robot, then its pedestrians."""
         if world in self._worlds:
             return self._worlds[world]
@@ -129,7 +131,7 @@ class OrcaPedestrians(RouteWalkers):
 
     def _solve(
         self,
-        simulation: Any,
+        simulation: RVOSimulator,
         pose: list[float],
         velocity: list[float],
         places: list,

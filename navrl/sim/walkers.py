@@ -47,6 +47,7 @@ class RouteWalkers(PedestrianModel):
     """
 
     def __init__(self) -> None:
+        """Create empty rows."""
         self.rows = {
             name: torch.zeros(0, *shape, dtype=_NUMBERS.get(name, torch.float64))
             for name, shape in _SHAPES.items()

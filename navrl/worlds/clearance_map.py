@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from skimage.graph import MCP_Geometric
@@ -52,6 +53,7 @@ class ClearanceMap:
         cell: float = 0.05,
         margin: float = 1.0,
     ) -> None:
+        """Compute the clearance of all cells."""
         check_positive(clearance=clearance, weight=weight, cell=cell, margin=margin)
         if not comfort > clearance:
             raise ValueError(f"comfort={comfort}: must be > clearance={clearance} m")
@@ -70,7 +72,9 @@ class ClearanceMap:
             self._lower(disc[:2], disc[2], lambda at, disc=disc: _to_disc(at, disc))
         self.regions = np.asarray(label(self.clearance >= clearance, connectivity=1))
 
-    def _lower(self, center: np.ndarray, radius: float, distance) -> None:
+    def _lower(
+        self, center: np.ndarray, radius: float, distance: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
         """Lower the clearance of the cells around an obstacle to their distance from it."""
         reach = radius + self.comfort
         low = np.floor((center - reach - self.origin) / self.cell).astype(int).clip(0)

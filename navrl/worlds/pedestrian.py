@@ -51,6 +51,7 @@ class Pedestrian:
     leg_radius: float = _DEFAULT_LEG_RADIUS
 
     def __post_init__(self) -> None:
+        """Check the values."""
         shape, limit = np.shape(self.route), MAX_ROUTE_POINTS if self.times is None else np.inf
         if len(shape) != 2 or shape[1] != 2 or not 1 <= shape[0] <= limit:
             most = MAX_ROUTE_POINTS if self.times is None else ""

@@ -62,6 +62,7 @@ class PlaceDistribution:
         duration_s: float = 60.0,
         sha256: str | None = None,
     ) -> None:
+        """Read the files and check the values."""
         check_positive(robot_radius=robot_radius, robot_height=robot_height, margin=margin)
         check_positive(goal_clearance=goal_clearance, duration_s=duration_s)
         for name, bounds in (
@@ -87,7 +88,8 @@ class PlaceDistribution:
         self._maps: dict[int, ClearanceMap] = {}  # of the last places
 
     def __getstate__(self) -> dict:
-        return {**vars(self), "_maps": {}}  # for worker processes
+        """Return the state without maps, for worker processes."""
+        return {**vars(self), "_maps": {}}
 
     def map_of(self, number: int) -> ClearanceMap:
         """Return the map of a place by its number; the last few are retained."""

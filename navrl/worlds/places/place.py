@@ -68,6 +68,7 @@ class Place:
     people: tuple[Pedestrian, ...] = ()
 
     def __post_init__(self) -> None:
+        """Check the numbers of rows."""
         if not len(self.walls) + len(self.furniture) + len(self.discs):
             raise ValueError(f"place {self.name}: must have a wall or a piece of furniture")
         for name, count in (

@@ -26,6 +26,7 @@ class Reader:
     """
 
     def __init__(self, file: str | Path, values: Mapping[str, Any], prefix: str = "") -> None:
+        """Store the arguments."""
         self.file, self.values, self.prefix = file, values, prefix
 
     def __contains__(self, key: str) -> bool:
