@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
@@ -17,11 +18,15 @@ log = logging.getLogger(__name__)
 
 @hydra_main("evaluate")
 def main(cfg: DictConfig) -> float:
-    """Evaluate a policy and return the success rate.
+    """Evaluate a policy and return the success rate; NaN if the files of the suite are absent.
 
     Raises:
         ValueError: If every episode raised an exception.
     """
+    skipped = jobs.missing_data(cfg)
+    if skipped is not None:
+        log.warning(skipped)
+        return math.nan
     check_start(cfg)
     folder = Path(HydraConfig.get().runtime.output_dir)
     with jobs.locked(folder):

@@ -53,7 +53,8 @@ class Recording:
         robot_radius: Radius of the robot, m.
         goal_radius: Distance to the goal that counts as success, m.
         max_range: Range of a beam without return, m.
-        walls: ``[W, 5]`` boxes (cx, cy, hx, hy, yaw), m and rad, world.
+        walls: ``[W, 5]`` boxes (cx, cy, hx, hy, yaw), m and rad, world, then the bounding squares
+            of discs; ``scenario`` has their heights.
         path: ``[P, 2]`` m, world.
         goal: ``[2]`` m, world.
         pose: ``[T + 1, 3]`` (x, y, yaw), world.
@@ -140,7 +141,7 @@ class Recording:
             max_range=float(env.simulator.lidar.max_range),
             lidar_mount=np.array(env.simulator.lidar.mount),
             lidar_angles=np.array([env.simulator.lidar.angle_min, env.simulator.lidar.increment]),
-            walls=np.array(scenario.boxes),
+            walls=np.array(scenario.obstacles),
             path=np.array(scenario.path),
             goal=np.array(scenario.goal),
             **series,

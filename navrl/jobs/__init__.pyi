@@ -1,5 +1,5 @@
 from .benchmark import run_benchmark
-from .evaluation import check_evaluation, record, run_evaluation
+from .evaluation import check_evaluation, missing_data, record, run_evaluation
 from .finished import finished_evaluation, unchanged_evaluation
 from .latency import measure_latency
 from .resuming import record_config, resumed_config
@@ -12,6 +12,7 @@ __all__ = [
     "finished_evaluation",
     "locked",
     "measure_latency",
+    "missing_data",
     "new_folder",
     "record",
     "record_config",

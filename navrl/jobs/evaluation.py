@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +30,7 @@ from navrl.factory.values import flat_values
 from navrl.jobs.inputs import evaluation_inputs, policy_parts
 from navrl.jobs.playing import finish, play_suite
 from navrl.policies.controller import is_privileged
-from navrl.worlds import Scenario
+from navrl.worlds import Scenario, folder_hash
 
 
 def check_evaluation(cfg: DictConfig) -> None:
@@ -59,7 +60,9 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     make = partial(make_evaluated_policy, with_attention=attends, controller=controller)
     determined_by = evaluation_inputs(cfg, policy_parts(cfg))
     metrics = make_metrics(cfg)
-    records = play_suite(cfg, scenarios, folder, make, json.dumps(determined_by))
+    records = play_suite(
+        with_room(cfg, scenarios), scenarios, folder, make, json.dumps(determined_by)
+    )
     summary = summarize(
         records,
         policy=policy_name(cfg),
@@ -72,12 +75,40 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
         observes=start.observes,
     )
     summary |= perturbation_summary(cfg)
+    if cfg.get("data") is not None:
+        summary["data"] = {"folder": str(cfg.data), "sha256": folder_hash(cfg.data)}
     if cfg.change:
         summary = {**summary, "change": dict(flat_values(cfg.change))}
     write_errors(folder, records, scenarios)
     summary = write_results(folder, records, {**summary, **determined_by}, metrics)
     finish(folder)
     return summary
+
+
+def missing_data(cfg: DictConfig) -> str | None:
+    """Return why a suite of files cannot be played here; ``None`` if it can.
+
+    Raises:
+        ValueError: If a suite of files has no folder.
+    """
+    folder = cfg.suite.get("distribution", {}).get("folder")
+    if "folder" not in cfg.suite.get("distribution", {}):
+        return None
+    if folder is None:
+        raise ValueError(f"data=null: must be a folder for suite={cfg.suite.name}, docs/places.md")
+    if Path(folder).is_dir():
+        return None
+    return f"suite={cfg.suite.name}: skipped, data={folder} does not exist"
+
+
+def with_room(cfg: DictConfig, scenarios: Sequence[Scenario]) -> DictConfig:
+    """Return the configuration with a simulator that has rows for all pedestrians."""
+    count = max((len(scenario.pedestrians) for scenario in scenarios), default=0)
+    if count <= cfg.simulator.max_pedestrians:
+        return cfg
+    cfg = cfg.copy()
+    cfg.simulator.max_pedestrians = count
+    return cfg
 
 
 class _Start(NamedTuple):
@@ -133,6 +164,7 @@ def record(cfg: DictConfig) -> Recording:
     if cfg.num_worlds != 1:
         raise ValueError(f"num_worlds={cfg.num_worlds}: one episode is played, must be 1")
     scenario = instantiate(cfg.suite).scenarios([cfg.episode])[0]
+    cfg = with_room(cfg, [scenario])
     is_bundle = bundle_folder(cfg.policy) is not None
     evaluated = make_evaluated_policy(cfg, with_attention=is_bundle)
     recording = record_episode(evaluated.env, evaluated.policy, scenario)

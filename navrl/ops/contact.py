@@ -1,8 +1,10 @@
-"""Contact of a disc-shaped robot with oriented boxes, classified by the at-fault party.
+"""Contact of a disc-shaped robot with boxes and discs, classified by the at-fault party.
 
 Scalar functions in plain Python: the kernel of the batched simulator is compiled from them, and the
 single-robot simulator calls them directly.
 """
+
+import math
 
 from navrl.deprecation import renamed_attributes
 
@@ -33,6 +35,25 @@ def nearest_point_on_box(
         cx + cos * inner_along - sin * inner_across,
         cy + sin * inner_along + cos * inner_across,
     )
+
+
+def nearest_point_on_disc(
+    x: float, y: float, cx: float, cy: float, radius: float
+) -> tuple[float, float]:
+    """Return the point of a disc that is nearest to (x, y); this point itself if inside.
+
+    All lengths are in m.
+
+    Example:
+        >>> nearest_point_on_disc(3.0, 0.0, cx=0.0, cy=0.0, radius=1.0)
+        (1.0, 0.0)
+    """
+    dx, dy = x - cx, y - cy
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance <= radius:
+        return x, y
+    share = radius / distance
+    return cx + share * dx, cy + share * dy
 
 
 def classify_contact(

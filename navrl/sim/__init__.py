@@ -13,10 +13,12 @@ from navrl.sim.localization import Localization
 from navrl.sim.robot import RobotModel
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import Contact, SimState
+from navrl.sim.walkers import RouteWalkers
 
 if TYPE_CHECKING:
     from navrl.sim.batched import BatchedSimulator
     from navrl.sim.bullet import BulletSimulator
+    from navrl.sim.orca_pedestrians import OrcaPedestrians
 
 __all__ = [
     "BatchedSimulator",
@@ -28,15 +30,21 @@ __all__ = [
     "LimitedDrive",
     "Localization",
     "LogUniform",
+    "OrcaPedestrians",
     "PedestrianModel",
     "RobotModel",
+    "RouteWalkers",
     "ScriptedRoutes",
     "SimState",
     "Simulator",
     "Uniform",
 ]
 
-_LAZY = {"BatchedSimulator": "navrl.sim.batched", "BulletSimulator": "navrl.sim.bullet"}
+_LAZY = {
+    "BatchedSimulator": "navrl.sim.batched",
+    "BulletSimulator": "navrl.sim.bullet",
+    "OrcaPedestrians": "navrl.sim.orca_pedestrians",
+}
 
 
 def __getattr__(name: str) -> type:  # imports numba and pybullet only when they are used

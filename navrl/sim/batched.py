@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from navrl.checks import check_positive
+from navrl.ops.bodies import STATE_SIZE
 from navrl.ops.contact import NONE
-from navrl.ops.kernels.worlds import (
-    place_pedestrians_kernel,
-    scan_worlds_kernel,
-    step_worlds_kernel,
-)
+from navrl.ops.kernels.pedestrians import place_pedestrians_kernel
+from navrl.ops.kernels.scans import scan_worlds_kernel
+from navrl.ops.kernels.worlds import step_worlds_kernel
 from navrl.ops.raycast import beam_directions, beam_grid
-from navrl.sim.crowd import PedestrianModel, step_legs
+from navrl.sim.compiled_drive import drive_parameters, is_compiled
+from navrl.sim.crowd import PedestrianModel, step_moves
 from navrl.sim.delays import Delays
-from navrl.sim.differential_drive import DifferentialDrive
 from navrl.sim.lidar import Lidar
+from navrl.sim.obstacle_rows import gaits_of, packed_walk, packed_walls, sorted_walls
 from navrl.sim.robot import RobotModel
-from navrl.sim.scenario_rows import compact_pedestrians, packed_walls
+from navrl.sim.scenario_rows import compact_pedestrians, extended
 from navrl.sim.simulator import Simulator
 from navrl.sim.state import SimState
 from navrl.worlds.scenario import MAX_ROUTE_POINTS
 
 if TYPE_CHECKING:
     from navrl.worlds import ScenarioBatch
+
+_CELLS = ("cell_start", "cell_info")
+_GROWING = {"walls": 1, "cell_start": 1, "wall_order": 1, "route": 2, "route_arc": 2, "gaits": 2}
+"""Rows with an axis that grows when a scenario needs more."""
 
 
 class BatchedSimulator(Simulator):
@@ -87,7 +90,7 @@ class BatchedSimulator(Simulator):
         )
         check_positive(max_walls=max_walls)
         self._timing = (self.substep_s, self.substeps, self.scan_memory.max_jitter)
-        self._drive = _drive_parameters(robot)
+        self._drive = drive_parameters(robot)
         self._mount = torch.tensor(lidar.mount, dtype=torch.float64, device=self.device)
         self._every_world = torch.arange(self.num_worlds, device=self.device)
         self._beams = (*beam_directions(*lidar.beams, self.device), beam_grid(*lidar.beams))
@@ -102,15 +105,19 @@ class BatchedSimulator(Simulator):
             "velocity": torch.zeros(n, self.robot.command_size, **real),
             "tick": torch.zeros(n, **whole),
             "contact": torch.zeros(n, **whole),
-            "walls": torch.zeros(n, max_walls, 6, **real),
+            "walls": torch.zeros(n, max_walls, 8, **real),
             "num_walls": torch.zeros(n, **whole),
+            "cell_start": torch.zeros(n, 2, **whole),
+            "wall_order": torch.zeros(n, max_walls, **whole),
+            "cell_info": torch.zeros(n, 5, **real),
             "route": torch.zeros(n, k, r, 2, **real),
             "route_arc": torch.zeros(n, k, r, **real),
-            "walk": torch.full((n, k, 4), torch.nan, **real),
-            "boxes": torch.full((n, k, 5), torch.nan, **real),
+            "gaits": torch.zeros(n, k, 0, 3, **real),
+            "walk": torch.full((n, k, 7), torch.nan, **real),
+            "boxes": torch.full((n, k, STATE_SIZE), torch.nan, **real),
         }
         rows = k if self.pedestrians.is_reactive else 0
-        self._legs = torch.full((n, rows, 5), torch.nan, **real)  # of the current step
+        self._moves = torch.full((n, rows, 8), torch.nan, **real)  # of the current step
         # Placeholders for kernel arguments that other robot models or delays use:
         self._track = torch.zeros(n, 1, 5, **real)
         self._no_age = torch.zeros(n, **whole)
@@ -124,11 +131,12 @@ class BatchedSimulator(Simulator):
         self._check_last_commands()
         if len(worlds) == 0:
             return
-        rows, count = self._rows, scenarios.boxes.shape[1]
-        self._make_room(count)
+        rows = self._rows
         rows["pose"][worlds] = scenarios.start.double()
-        rows["walls"][worlds, :count] = packed_walls(scenarios)
         rows["num_walls"][worlds] = scenarios.num_boxes
+        walls = packed_walls(scenarios, self.lidar.height, self.robot.height)
+        for name, value in sorted_walls(scenarios, walls).items():
+            self._put(name, worlds, value)
         for name in ("velocity", "tick", "contact"):
             rows[name][worlds] = 0
         self._reset_pedestrians(worlds, scenarios)
@@ -144,12 +152,14 @@ class BatchedSimulator(Simulator):
         """Current poses and boxes, the moving part of a scan."""
         return {name: self._rows[name] for name in ("pose", "boxes")}
 
-    def _make_room(self, num_walls: int) -> None:
-        walls = self._rows["walls"]
-        if num_walls > walls.shape[1]:
-            missing = num_walls - walls.shape[1]
-            self._rows["walls"] = torch.nn.functional.pad(walls, (0, 0, 0, missing))
+    def _put(self, name: str, worlds: Tensor, value: Tensor) -> None:
+        """Write rows that may have another number of columns; there are more if necessary."""
+        rows = self._rows[name]
+        if value.shape[1] > rows.shape[1]:
+            pad = [0, 0] * (rows.ndim - 2) + [0, value.shape[1] - rows.shape[1]]
+            rows = self._rows[name] = torch.nn.functional.pad(rows, pad)
             self._make_scratch()
+        rows[worlds, : value.shape[1]] = value
 
     def _make_scratch(self) -> None:
         """Allocate the scratch memory of the kernel for all rows of walls and pedestrians."""
@@ -159,23 +169,24 @@ class BatchedSimulator(Simulator):
     def _reset_pedestrians(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         rows = self._rows
         # present pedestrians move to the front, because a scenario may have more than K rows
-        order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)
-        order = order[:, : self.max_pedestrians]
-        row, count = torch.arange(len(worlds), device=self.device)[:, None], order.shape[1]
-        walk = torch.cat(
-            (scenarios.ped_speed[..., None], scenarios.ped_offset[..., None], scenarios.ped_half),
-            dim=-1,
-        )
-        walk = walk.masked_fill(~scenarios.ped_present[..., None], torch.nan)
-        rows["walk"][worlds] = torch.nan
-        rows["walk"][worlds, :count] = walk[row, order]
-        rows["route"][worlds, :count] = scenarios.route[row, order]
-        rows["route_arc"][worlds, :count] = scenarios.route_arc[row, order]
-        self._legs[worlds] = torch.nan
+        # present pedestrians move to the front, because a scenario may have more than K rows
+        scenarios = compact_pedestrians(scenarios, self.max_pedestrians)
+        rows["walk"][worlds] = packed_walk(scenarios)
+        points = scenarios.route.shape[2]
+        for name, value in (
+            ("route", scenarios.route),
+            ("route_arc", scenarios.route_arc),
+            ("gaits", gaits_of(scenarios)),
+        ):
+            missing = points - rows[name].shape[2]
+            if missing > 0 and value.shape[2] > 0:  # rows of other worlds repeat their last point
+                rows[name] = extended(rows[name], missing)
+            rows[name][worlds] = extended(value, rows[name].shape[2] - value.shape[2])
+        self._moves[worlds] = torch.nan
         place_pedestrians_kernel(
             worlds,
-            *(rows[name] for name in ("boxes", "route", "route_arc", "walk")),
-            self._legs,
+            *(rows[name] for name in ("boxes", "route", "route_arc", "walk", "gaits")),
+            self._moves,
             rows["tick"],
             self.substep_s,
         )
@@ -202,9 +213,9 @@ class BatchedSimulator(Simulator):
         commands = self.commands.push(self._finite(command).double().contiguous())
         if self.pedestrians.is_reactive:
             targets = self.pedestrians.targets(self.state(), self.time_step_s)
-            self._legs = step_legs(rows["boxes"], targets)
+            self._moves = step_moves(rows["boxes"], targets, self.time_step_s)
         velocities = None
-        if not _is_compiled(self.robot):
+        if not is_compiled(self.robot):
             self._track, velocities = self.trajectory(rows["pose"], rows["velocity"], commands)
         before = rows["tick"].clone() if velocities is not None else None
         past = self.scan_memory.rows
@@ -215,8 +226,9 @@ class BatchedSimulator(Simulator):
             self._track,
             self._drive,
             self._timing,
-            *(rows[name] for name in ("walls", "num_walls", "route", "route_arc", "walk")),
-            self._legs,
+            *(rows[name] for name in ("walls", "num_walls", *_CELLS)),
+            *(rows[name] for name in ("route", "route_arc", "walk", "gaits")),
+            self._moves,
             rows["boxes"],
             self._near,
             *(past[name] for name in ("pose", "boxes", "present", "delay", "sweep")),
@@ -235,7 +247,7 @@ class BatchedSimulator(Simulator):
             pose=rows["pose"].float(),
             velocity=rows["velocity"].float(),
             contact=rows["contact"].clone(),
-            pedestrians=rows["boxes"].float(),
+            pedestrians=rows["boxes"][..., :5].float(),
             time_s=(rows["tick"] * self.substep_s).float(),
         )
 
@@ -254,8 +266,9 @@ class BatchedSimulator(Simulator):
             worlds,
             seen["pose"],
             self._mount,
-            *(self._rows[name] for name in ("walls", "num_walls")),
+            *(self._rows[name] for name in ("walls", "num_walls", *_CELLS)),
             seen["boxes"],
+            self._rows["walk"],
             newest,
             sweep,
             *self._beams,
@@ -268,8 +281,12 @@ class BatchedSimulator(Simulator):
         if bool(rows["pose"][world].isnan().any()):
             raise RuntimeError(f"world {world} must be reset first")
         walls = rows["walls"][world, : int(rows["num_walls"][world])]
-        yaw = torch.atan2(walls[:, 5], walls[:, 4])
-        return torch.cat((walls[:, :4], yaw[:, None]), dim=-1)
+        yaw = torch.atan2(walls[:, 5], walls[:, 4])  # 0 for a disc
+        ordered = torch.empty(len(walls), 5, dtype=walls.dtype, device=walls.device)
+        ordered[rows["wall_order"][world, : len(walls)]] = torch.cat(
+            (walls[:, :4], yaw[:, None]), -1
+        )
+        return ordered
 
     def _velocity(self) -> Tensor:
         return self._rows["velocity"]
@@ -284,8 +301,9 @@ class BatchedSimulator(Simulator):
             raise ValueError(f"state: must have the keys {sorted(needed)}, got {sorted(state)}")
         for name, rows in self._rows.items():
             wanted, got = list(rows.shape), list(state[name].shape)
-            if name == "walls":
-                wanted[1] = got[1] if len(got) == 3 else -1
+            axis = _GROWING.get(name)
+            if axis is not None:
+                wanted[axis] = got[axis] if len(got) == len(wanted) else -1
             if wanted != got:
                 raise ValueError(f"state[{name!r}]: must have shape {wanted}, got {got}")
         self._rows = {
@@ -295,23 +313,3 @@ class BatchedSimulator(Simulator):
         self.load_clock_state(state)
         self._is_ready = not bool(self._rows["pose"].isnan().any())
         self._make_scratch()
-
-
-def _is_compiled(robot: RobotModel) -> TypeGuard[DifferentialDrive]:
-    """Return whether the kernel moves the robot, rather than its own torch code."""
-    return isinstance(robot, DifferentialDrive) and robot.is_compiled
-
-
-def _drive_parameters(robot: RobotModel) -> tuple:
-    """Return the ``drive`` argument of the kernel for a differential drive or another model."""
-    if not _is_compiled(robot):
-        return (robot.radius, True, 1.0, math.inf, 0.0, 0.0, 0.0)
-    return (
-        robot.radius,
-        False,
-        robot.wheel_separation,
-        robot.acceleration_limit,
-        robot.min_speed,
-        robot.max_speed,
-        robot.max_turn_rate,
-    )

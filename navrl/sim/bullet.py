@@ -16,10 +16,11 @@ import torch
 from torch import Tensor
 
 from navrl.ops.beams import first_beam
+from navrl.ops.bodies import STATE_SIZE
 from navrl.ops.contact import NONE
 from navrl.sim.bullet_client import Client
 from navrl.sim.bullet_scene import Scene
-from navrl.sim.crowd import PedestrianModel, boxes_along, step_legs
+from navrl.sim.crowd import PedestrianModel, states_along, step_moves
 from navrl.sim.delays import Delays
 from navrl.sim.lidar import Lidar
 from navrl.sim.robot import RobotModel
@@ -100,7 +101,7 @@ class BulletSimulator(Simulator):
             "contact": torch.zeros(num, dtype=torch.int64),
         }
         if self.pedestrians.is_reactive:  # otherwise the tick determines their positions
-            shape = (num, self.max_pedestrians, 5)
+            shape = (num, self.max_pedestrians, STATE_SIZE)
             self._rows["boxes"] = torch.full(shape, torch.nan, dtype=real)
         self._skipped = torch.zeros(self.num_worlds, dtype=torch.bool)
         self._scans = torch.empty(self.num_worlds, lidar.num_beams)
@@ -152,12 +153,12 @@ class BulletSimulator(Simulator):
             self._scenes[0].show()
 
     def _scripted(self, first: int, count: int) -> Tensor:
-        """Return [N, count, K, 5] boxes on their routes, starting ``first`` substeps from now."""
+        """Return [N, count, K, 7] states on their routes, starting ``first`` substeps from now."""
         tick = self._rows["tick"][:, None] + torch.arange(first, first + count)
         return self._scenarios.pedestrians(tick * self.substep_s)
 
     def _boxes(self) -> Tensor:
-        """Return [N, K, 5] float64, the current boxes of the pedestrians; NaN rows are absent."""
+        """Return [N, K, 7] float64, the current states of the pedestrians; NaN rows are absent."""
         return self._rows["boxes"] if self.pedestrians.is_reactive else self._scripted(0, 1)[:, 0]
 
     def step(self, command: Tensor) -> SimState:
@@ -180,14 +181,15 @@ class BulletSimulator(Simulator):
         return self.state()
 
     def _tracks(self) -> Tensor:
-        """Return [N, S + 1, K, 5], pedestrian boxes at the start and after each substep."""
+        """Return [N, S + 1, K, 7], pedestrian states at the start and after each substep."""
         scripted = self._scripted(0, self.substeps + 1)
         if not self.pedestrians.is_reactive:
             return scripted
         boxes = self._rows["boxes"]
-        legs = step_legs(boxes, self.pedestrians.targets(self.state(), self.time_step_s))
+        targets = self.pedestrians.targets(self.state(), self.time_step_s)
+        moves = step_moves(boxes, targets, self.time_step_s)
         shares = torch.arange(self.substeps + 1, dtype=torch.float64) / self.substeps
-        return boxes_along(legs, boxes, scripted, shares)
+        return states_along(moves, boxes, scripted, shares)
 
     def skip(self, worlds: Tensor) -> None:
         self._skipped = worlds.cpu().clone()
@@ -230,7 +232,7 @@ class BulletSimulator(Simulator):
             pose=rows["pose"].float(),
             velocity=rows["velocity"].float(),
             contact=rows["contact"].clone(),
-            pedestrians=self._boxes().float(),  # copied by the change of dtype
+            pedestrians=self._boxes()[..., :5].float(),  # copied by the change of dtype
             time_s=(rows["tick"] * self.substep_s).float(),
         )
 

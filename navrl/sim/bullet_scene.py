@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from torch import Tensor
 
+from navrl.ops.bodies import BODY_BOX, BODY_LEGS
 from navrl.ops.contact import NONE, PEDESTRIAN, STATIC, classify_contact
+from navrl.ops.gait import foot_center
 from navrl.ops.raycast import beam_directions
+from navrl.sim.bullet_bodies import BOX, DISC, ROBOT_HEIGHT, bounds, prism_body, robot_body
 from navrl.sim.lidar import Lidar
+from navrl.sim.obstacle_rows import visibility
 from navrl.sim.robot import RobotModel
+from navrl.worlds import ScenarioBatch
 
 if TYPE_CHECKING:
     from navrl.sim.bullet_client import Client
@@ -20,24 +25,15 @@ if TYPE_CHECKING:
 WALL_HEIGHT = 1.2  # m; both heights grow if the lidar scans above them
 PEDESTRIAN_HEIGHT = 1.0  # m; lower than walls, so that a ray from above hits a wall first
 HEADROOM = 0.5  # m of obstacle above the scan plane
-ROBOT_HEIGHT = 0.42  # m, TurtleBot 2
 REACH = 1e-3  # m; the exact distance is computed for bodies nearer than this
-
+AWAY_M = 1e5  # m, position of absent pedestrians
 STATIC_GROUP = 2  # PyBullet's collision group of bodies without mass, the targets of rays
-
-# A box of half sizes 1 as triangles. Rays intersect triangles exactly, while PyBullet's box shape
-# uses an iteration that is three times slower and has errors of a few centimeters near edges.
-CORNERS = [[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
-FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-TRIANGLES = [corner for a, b, c, d in FACES for corner in (a, b, c, a, c, d)]
+SEEN_GROUP, TOUCHED_GROUP = 128, 64  # of bodies that only the lidar or only the hull meets
 
 WALL_COLOR = (0.66, 0.69, 0.74, 1.0)
 PEDESTRIAN_COLOR = (0.86, 0.44, 0.20, 1.0)
 FLOOR_COLOR = (0.95, 0.95, 0.93, 1.0)
 PATH_COLOR = (0.25, 0.65, 0.35, 1.0)
-HULL_COLOR = (0.15, 0.15, 0.17, 1.0)
-PLATE_COLOR = (0.45, 0.45, 0.50, 1.0)
-LIDAR_COLOR = (0.10, 0.35, 0.75, 1.0)
 
 
 class Scene:
@@ -56,7 +52,7 @@ class Scene:
 
     def __init__(self, client: Client, robot: RobotModel, lidar: Lidar, floor: float) -> None:
         self._client, self._floor = client, floor
-        self._radius, self._lidar = robot.radius, lidar
+        self._radius, self._height, self._lidar = robot.radius, robot.height, lidar
         self._wall_height = max(WALL_HEIGHT, lidar.height + HEADROOM)
         self._pedestrian_height = self._wall_height + PEDESTRIAN_HEIGHT - WALL_HEIGHT
         self._scan_height = floor + lidar.height
@@ -66,7 +62,9 @@ class Scene:
     def forget(self) -> None:
         """Clear the lists of bodies after the client has removed them."""
         self.bodies: list[int] = []
-        self._pedestrians: list[int] = []
+        self._people: list[list[int]] = []
+        self._pedestrians: set[int] = set()
+        self._untouched: set[int] = set()
 
     def build(self, scenario: dict[str, Tensor]) -> None:
         """Replace all bodies.
@@ -78,50 +76,56 @@ class Scene:
             self._client.removeBody(body)
         self.forget()
         walls = scenario["boxes"][: scenario["num_boxes"]].tolist()
-        for wall in walls:
-            body = self._box_body(wall[2], wall[3], self._wall_height, WALL_COLOR)
-            self._move(body, wall[0], wall[1], 0.5 * self._wall_height, wall[4])
-        for half in scenario["ped_half"][scenario["ped_present"]].tolist():
-            self._pedestrians.append(
-                self._box_body(half[0], half[1], self._pedestrian_height, PEDESTRIAN_COLOR)
-            )
-        self._robot = self._robot_body()
-        self._view = _bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
+        self._add_walls(scenario, walls)
+        kinds = (scenario[name] for name in ("ped_half", "ped_body", "ped_leg_radius"))
+        present = scenario["ped_present"]
+        for person in zip(*(kind[present].tolist() for kind in kinds), strict=True):
+            self._people.append(self._person_bodies(*person))
+        self._pedestrians = {body for bodies in self._people for body in bodies}
+        height = max(ROBOT_HEIGHT, 2.0 * max(self._lidar.height, self._height))
+        self._robot = robot_body(self._client, self._radius, height)
+        self.bodies.append(self._robot)
+        self._view = bounds(walls or [[*scenario["goal"].tolist(), 3.0, 3.0, 0.0]])
         self._add_surroundings(scenario)
 
-    def _box_body(self, hx: float, hy: float, height: float, color: tuple) -> int:
-        client, half = self._client, [hx, hy, 0.5 * height]
-        shape = client.createCollisionShape(
-            client.GEOM_MESH,
-            vertices=CORNERS,
-            indices=TRIANGLES,
-            meshScale=half,
-            flags=client.GEOM_FORCE_CONCAVE_TRIMESH,
-        )
-        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=color)
-        body = self._body(shape, visual)
-        client.changeDynamics(body, -1, collisionMargin=0.0)
-        return body
+    def _add_walls(self, scenario: dict[str, Tensor], walls: list[list[float]]) -> None:
+        """Add the obstacles that the lidar sees or the hull can touch, all at full height."""
+        row = ScenarioBatch.from_tensors({k: value[None] for k, value in scenario.items()})
+        flags = visibility(row, self._lidar.height, self._height)[0].tolist()
+        for wall, is_disc, (is_seen, is_touched) in zip(
+            walls, scenario["box_is_disc"].tolist(), flags, strict=False
+        ):
+            if not (is_seen or is_touched):
+                continue
+            prism = DISC if is_disc else BOX
+            body = self._prism(prism, wall[2], wall[3], self._wall_height, WALL_COLOR)
+            self._move(body, wall[0], wall[1], 0.5 * self._wall_height, wall[4])
+            self._set_role(body, is_seen, is_touched)
 
-    def _robot_body(self) -> int:
-        client, r = self._client, self._radius
-        height = max(ROBOT_HEIGHT, 2.0 * self._lidar.height)
-        shape = client.createCollisionShape(client.GEOM_CAPSULE, radius=r, height=height)
-        # base, top plate and lidar, as (radius, length, z of the center, color); body at the floor
-        parts = [
-            (r, 0.12, 0.06, HULL_COLOR),
-            (0.25 * r, 0.28, 0.26, HULL_COLOR),
-            (0.9 * r, 0.02, 0.41, PLATE_COLOR),
-            (0.2 * r, 0.06, 0.45, LIDAR_COLOR),
-        ]
-        visual = client.createVisualShapeArray(
-            shapeTypes=[client.GEOM_CYLINDER] * len(parts),
-            radii=[part[0] for part in parts],
-            lengths=[part[1] for part in parts],
-            visualFramePositions=[[0.0, 0.0, part[2]] for part in parts],
-            rgbaColors=[part[3] for part in parts],
-        )
-        return self._body(shape, visual, mass=1.0)  # not a static body, so rays ignore it
+    def _person_bodies(self, half: list[float], kind: int, leg_radius: float) -> list[int]:
+        """Return the bodies of a pedestrian: its body and, if it has them, two legs."""
+        prism = BOX if kind == BODY_BOX else DISC
+        size = (self._pedestrian_height, PEDESTRIAN_COLOR)
+        body = self._prism(prism, half[0], half[1], *size)
+        if kind != BODY_LEGS:
+            return [body]
+        self._set_role(body, is_seen=False, is_touched=True)
+        legs = [self._prism(DISC, leg_radius, leg_radius, *size) for _ in range(2)]
+        return [body, *legs]
+
+    def _set_role(self, body: int, is_seen: bool, is_touched: bool) -> None:
+        """Restrict a body that only the lidar or only the hull meets."""
+        if is_seen and is_touched:
+            return
+        group = SEEN_GROUP if is_seen else TOUCHED_GROUP
+        self._client.setCollisionFilterGroupMask(body, -1, group, -1)
+        if not is_touched:
+            self._untouched.add(body)
+
+    def _prism(self, prism: tuple, hx: float, hy: float, height: float, color: tuple) -> int:
+        body = prism_body(self._client, prism, [hx, hy, 0.5 * height], color)
+        self.bodies.append(body)
+        return body
 
     def _add_surroundings(self, scenario: dict[str, Tensor]) -> None:
         """Add the visual-only bodies: floor and goal."""
@@ -146,13 +150,20 @@ class Scene:
         orientation = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
         self._client.resetBasePositionAndOrientation(body, (x, y, self._floor + z), orientation)
 
-    def place(self, pose: Sequence[float], boxes: list[list[float]]) -> None:
-        """Move the robot to (x, y, yaw) and the pedestrians to ``boxes``."""
+    def place(self, pose: Sequence[float], states: list[list[float]]) -> None:
+        """Move the robot to (x, y, yaw) and the pedestrians to ``states``."""
         x, y, yaw = pose
         self._move(self._robot, x, y, 0.0, yaw)
         middle = 0.5 * self._pedestrian_height
-        for body, box in zip(self._pedestrians, boxes, strict=False):  # absent ones come last
-            self._move(body, box[0], box[1], middle, box[4])
+        for bodies, state in zip(self._people, states, strict=False):  # absent ones come last
+            x, y, _, _, yaw, phase, length = state
+            if math.isnan(x):  # before or after its track
+                x = y = AWAY_M
+                yaw = phase = length = 0.0
+            self._move(bodies[0], x, y, middle, yaw)
+            for side, leg in enumerate(bodies[1:]):
+                center = foot_center(x, y, math.cos(yaw), math.sin(yaw), phase, length, side)
+                self._move(leg, *center, middle)
 
     def contact(self, pose: Sequence[float], travel: tuple[float, float]) -> int:
         """Return the contact code of the robot at (x, y, yaw).
@@ -166,8 +177,9 @@ class Scene:
         )
         inside = None  # the body that contains (x, y); computed only if there are bodies nearby
         result = NONE
-        for body in {body for body, _ in near or ()} - {self._robot}:
-            inside = self._surrounding_body(x, y) if inside is None else inside
+        for body in {body for body, _ in near or ()} - {self._robot} - self._untouched:
+            if inside is None:
+                inside = self._surrounding_body(x, y, TOUCHED_GROUP)
             point = (x, y) if body == inside else self._touched_point(body)
             if point is None:
                 continue
@@ -183,11 +195,14 @@ class Scene:
         deepest = min(points, key=lambda point: point[8], default=None)
         return None if deepest is None or deepest[8] > 0.0 else deepest[6][:2]
 
-    def _surrounding_body(self, x: float, y: float) -> int:
-        """Return the body that contains (x, y), -1 if none, by a ray from above."""
+    def _surrounding_body(self, x: float, y: float, group: int) -> int:
+        """Return the body that contains (x, y), -1 if none, by a ray from above.
+
+        ``group`` is ``SEEN_GROUP`` or ``TOUCHED_GROUP``.
+        """
         top = self._floor + self._wall_height + HEADROOM
         hit = self._client.rayTest(
-            (x, y, top), (x, y, self._scan_height), collisionFilterMask=STATIC_GROUP
+            (x, y, top), (x, y, self._scan_height), collisionFilterMask=STATIC_GROUP | group
         )
         return hit[0][0]
 
@@ -201,7 +216,7 @@ class Scene:
         x += math.cos(yaw) * along - math.sin(yaw) * across
         y += math.sin(yaw) * along + math.cos(yaw) * across
         beam_cos, beam_sin = self._directions[:, begin:end]
-        if self._surrounding_body(x, y) >= 0:
+        if self._surrounding_body(x, y, SEEN_GROUP) >= 0:
             return np.zeros(len(beam_cos), dtype=np.float32)
         cos, sin = math.cos(yaw + turn), math.sin(yaw + turn)
         reach = self._lidar.max_range
@@ -217,7 +232,10 @@ class Scene:
         for first in range(0, len(ends), max_rays):
             chunk = ends[first : first + max_rays].tolist()
             hits = self._client.rayTestBatch(
-                [start] * len(chunk), chunk, numThreads=1, collisionFilterMask=STATIC_GROUP
+                [start] * len(chunk),
+                chunk,
+                numThreads=1,
+                collisionFilterMask=STATIC_GROUP | SEEN_GROUP,
             )
             fractions += [hit[2] for hit in hits]  # exactly 1 without a hit
         return (np.array(fractions) * reach).astype(np.float32)
@@ -242,15 +260,3 @@ class Scene:
             width, height, view, lens, shadow=0, renderer=client.ER_TINY_RENDERER
         )
         return np.reshape(picture[2], (height, width, 4))[..., :3].astype(np.uint8)
-
-
-def _bounds(boxes: list[list[float]]) -> tuple[float, float, float, float]:
-    """Return the bounding box (cx, cy, hx, hy) of all boxes, m."""
-    low, high = [], []
-    for cx, cy, hx, hy, yaw in boxes:
-        cos, sin = abs(math.cos(yaw)), abs(math.sin(yaw))
-        wx, wy = cos * hx + sin * hy, sin * hx + cos * hy
-        low.append((cx - wx, cy - wy))
-        high.append((cx + wx, cy + wy))
-    (x0, y0), (x1, y1) = np.min(low, axis=0).tolist(), np.max(high, axis=0).tolist()
-    return 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0), 0.5 * (y1 - y0)

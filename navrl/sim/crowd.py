@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from navrl.ops.gait import STEP_LENGTH_M, STEP_LENGTH_PER_SPEED
+
 if TYPE_CHECKING:
     from navrl.sim.state import SimState
     from navrl.worlds import ScenarioBatch
@@ -73,48 +75,60 @@ class ScriptedRoutes(PedestrianModel):
         return torch.full_like(state.pedestrians[..., :2], torch.nan)
 
 
-def step_legs(boxes: Tensor, targets: Tensor) -> Tensor:
-    """Return the line segment on which each pedestrian walks during a step.
+def step_moves(states: Tensor, targets: Tensor, duration_s: float) -> Tensor:
+    """Return the line segment on which each pedestrian walks during a step, and its gait.
 
     Args:
-        boxes: [N, K, 5] float64 (cx, cy, hx, hy, yaw) at the start of the step, world; NaN rows are
-            absent.
+        states: [N, K, 7] float64 states of :func:`navrl.worlds.pedestrian_states` at the start of
+            the step; NaN rows are absent.
         targets: [N, K, 2] m, centers at the end of the step; NaN rows follow their scripted route.
+        duration_s: Duration of the step, s.
 
     Returns:
-        [N, K, 5] float64 (x, y at the start, x, y at the end, yaw); NaN rows have no segment.
+        [N, K, 8] float64 (x, y at the start, x, y at the end, yaw, phase at the start and at the
+        end, length of a step); NaN rows have no segment.
 
     Raises:
         ValueError: If the shape of ``targets`` is not ``[N, K, 2]`` or a value is infinite.
     """
-    if targets.shape != (*boxes.shape[:2], 2) or bool(targets.isinf().any()):
+    if targets.shape != (*states.shape[:2], 2) or bool(targets.isinf().any()):
         raise ValueError(
-            f"targets: must be {[*boxes.shape[:2], 2]} with NaN or finite numbers, "
+            f"targets: must be {[*states.shape[:2], 2]} with NaN or finite numbers, "
             f"got {list(targets.shape)}"
         )
-    start, end = boxes[..., :2], targets.to(boxes)
+    start, end = states[..., :2], targets.to(states)
     x, y = (end - start).unbind(-1)
-    is_still = torch.sqrt(x * x + y * y) < _SMALLEST_STEP
-    yaw = torch.where(is_still, boxes[..., 4], torch.atan2(y, x))
-    legs = torch.cat((start, end, yaw[..., None]), dim=-1)
-    return legs.masked_fill(~torch.isfinite(legs).all(-1, keepdim=True), torch.nan)
+    walked = torch.sqrt(x * x + y * y)
+    is_still = walked < _SMALLEST_STEP
+    yaw = torch.where(is_still, states[..., 4], torch.atan2(y, x))
+    length = torch.where(
+        is_still, states[..., 6], STEP_LENGTH_M + STEP_LENGTH_PER_SPEED * walked / duration_s
+    )
+    phase = states[..., 5]
+    phase_after = torch.where(is_still, phase, phase + walked / length)
+    gait = torch.stack((yaw, phase, phase_after, length), dim=-1)
+    moves = torch.cat((start, end, gait), dim=-1)
+    return moves.masked_fill(~torch.isfinite(moves).all(-1, keepdim=True), torch.nan)
 
 
-def boxes_along(legs: Tensor, boxes: Tensor, scripted: Tensor, shares: Tensor) -> Tensor:
-    """Return the boxes of pedestrians at several times within a step.
+def states_along(moves: Tensor, states: Tensor, scripted: Tensor, shares: Tensor) -> Tensor:
+    """Return the states of pedestrians at several times within a step.
 
     Args:
-        legs: [N, K, 5], see :func:`step_legs`.
-        boxes: [N, K, 5], boxes at the start of the step.
-        scripted: [N, S, K, 5], boxes of pedestrians without a leg.
+        moves: [N, K, 8], see :func:`step_moves`.
+        states: [N, K, 7], states at the start of the step.
+        scripted: [N, S, K, 7], states of pedestrians without a segment.
         shares: [S], elapsed fractions of the step, in [0, 1].
 
     Returns:
-        [N, S, K, 5] float64 boxes, world.
+        [N, S, K, 7] float64 states, world.
     """
-    share = shares[:, None, None]
-    center = legs[:, None, :, :2] + share * (legs[:, None, :, 2:4] - legs[:, None, :, :2])
-    size = boxes[:, None, :, 2:4].expand_as(center)
-    yaw = legs[:, None, :, 4:].expand(*center.shape[:-1], 1)
-    walked = torch.cat((center, size, yaw), dim=-1)
-    return torch.where(legs[:, None, :, :1].isnan(), scripted, walked)
+    share, moves = shares[:, None, None], moves[:, None]
+    center = moves[..., :2] + share * (moves[..., 2:4] - moves[..., :2])
+    phase = moves[..., 5:6] + share * (moves[..., 6:7] - moves[..., 5:6])
+    size, yaw, length = (
+        part.expand(*center.shape[:-1], -1)
+        for part in (states[:, None, :, 2:4], moves[..., 4:5], moves[..., 7:])
+    )
+    walked = torch.cat((center, size, yaw, phase, length), dim=-1)
+    return torch.where(moves[..., :1].isnan(), scripted, walked)

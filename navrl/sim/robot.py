@@ -19,9 +19,11 @@ class RobotModel(ABC):
 
     Attributes:
         radius: Radius of the hull, m.
+        height: Height of the robot with its sensors, m; obstacles above it are not touched.
     """
 
     radius: float
+    height: float = 0.5
 
     @property
     @abstractmethod

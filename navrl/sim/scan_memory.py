@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from navrl.ops import se2
+from navrl.ops.bodies import STATE_SIZE
 from navrl.sim.delays import Delays, copied, restored
 
 
 class ScanMemory:
-    """Ring of the robots' poses and the pedestrians' boxes after each of the last substeps.
+    """Ring of the robots' poses and the pedestrians' states after each of the last substeps.
 
     It has no entries if no scan can be older than the state.
 
@@ -24,7 +25,7 @@ class ScanMemory:
         device: Device of the rows.
 
     Attributes:
-        rows: Rows of the worlds: ``pose`` [N, L, 3] and ``boxes`` [N, L, K, 5] float64, the ring
+        rows: Rows of the worlds: ``pose`` [N, L, 3] and ``boxes`` [N, L, K, 7] float64, the ring
             of L entries; ``age`` [N] int64, substeps since the last beam of the current scan;
             ``delay`` [N] int64, the same without jitter; ``sweep`` [N] int64, substeps from the
             first to the last beam; ``seed`` and ``step`` [N] int64 of the episodes; ``present`` [N]
@@ -58,7 +59,7 @@ class ScanMemory:
         whole = {"dtype": torch.int64, "device": device}
         self.rows = {
             "pose": torch.zeros(num_worlds, self.length, 3, **real),
-            "boxes": torch.zeros(num_worlds, self.length, num_pedestrians, 5, **real),
+            "boxes": torch.zeros(num_worlds, self.length, num_pedestrians, STATE_SIZE, **real),
         }
         for name in ("age", "delay", "sweep", "seed", "step", "present"):
             self.rows[name] = torch.zeros(num_worlds, **whole)
@@ -84,7 +85,7 @@ class ScanMemory:
         Args:
             worlds: [M] int64.
             seed: [M] int64, ``noise_seed`` of the scenarios.
-            now: ``pose`` [N, 3] and ``boxes`` [N, K, 5] of all worlds.
+            now: ``pose`` [N, 3] and ``boxes`` [N, K, 7] of all worlds.
         """
         if not self.is_used:
             return
@@ -98,7 +99,7 @@ class ScanMemory:
         rows["age"][worlds] = self._drawn_ages()[worlds]
 
     def write(self, world: int, pose: Tensor, boxes: Tensor) -> None:
-        """Store the substeps of a step of one world: ``pose`` [S, 3] and ``boxes`` [S, K, 5]."""
+        """Store the substeps of a step of one world: ``pose`` [S, 3] and ``boxes`` [S, K, 7]."""
         kept = min(self._substeps, self.length)
         entries = self.rows["present"][world] + self._substeps - torch.arange(kept).flip(0)
         self.rows["pose"][world, entries % self.length] = pose[-kept:]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from navrl.worlds import ScenarioBatch, pedestrian_boxes
+from navrl.ops.bodies import STATE_SIZE
+from navrl.worlds import ScenarioBatch, pedestrian_states
 from navrl.worlds.batch import tensor_names
 
 _PREFIX = "scenario."
@@ -31,8 +32,10 @@ class ScenarioRows:
         scenarios = compact_pedestrians(scenarios, self._max_pedestrians)
         if self._batch is None:
             self._batch = scenarios[torch.zeros(self._num_worlds, dtype=torch.int64)]
-        width = max(self._batch.boxes.shape[1], scenarios.boxes.shape[1])
-        kept, new = _widened(self._batch, width), _widened(scenarios, width)
+        both = (self._batch, scenarios)
+        width = max(batch.boxes.shape[1] for batch in both)
+        points = max(batch.route.shape[2] for batch in both)
+        kept, new = (_widened(batch, width, points) for batch in both)
         for name, rows in kept.items():
             rows[worlds] = new[name]
         self._batch = ScenarioBatch.from_tensors(kept)
@@ -43,19 +46,19 @@ class ScenarioRows:
         return {name: rows[world] for name, rows in self._batch.tensors().items()}
 
     def pedestrians(self, times_s: Tensor) -> Tensor:
-        """Return the boxes of all pedestrians on their routes.
+        """Return the states of all pedestrians on their routes and tracks.
 
         Args:
             times_s: [N, T] float64 s since the reset of each world.
 
         Returns:
-            [N, T, K, 5] float64 boxes, world; NaN rows are absent.
+            [N, T, K, 7] float64, see :func:`navrl.worlds.pedestrian_states`; NaN rows are absent.
         """
-        shape = (*times_s.shape, self._max_pedestrians, 5)
+        shape = (*times_s.shape, self._max_pedestrians, STATE_SIZE)
         if self._batch is None:
             return torch.full(shape, torch.nan, dtype=torch.float64)
         worlds = torch.arange(self._num_worlds).repeat_interleave(times_s.shape[1])
-        return pedestrian_boxes(self._batch[worlds], times_s.flatten()).reshape(shape)
+        return pedestrian_states(self._batch[worlds], times_s.flatten()).reshape(shape)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return copies of all rows; empty before the first :meth:`put`."""
@@ -90,7 +93,7 @@ class ScenarioRows:
 def compact_pedestrians(scenarios: ScenarioBatch, max_pedestrians: int) -> ScenarioBatch:
     """Move present pedestrians to the first of K rows, in order."""
     order = torch.argsort(~scenarios.ped_present, dim=1, stable=True)[:, :max_pedestrians]
-    row, count = torch.arange(len(scenarios))[:, None], order.shape[1]
+    row, count = torch.arange(len(scenarios), device=order.device)[:, None], order.shape[1]
     tensors = scenarios.tensors()
     for name, value in tensors.items():
         if name.startswith(("ped_", "route")):
@@ -100,16 +103,22 @@ def compact_pedestrians(scenarios: ScenarioBatch, max_pedestrians: int) -> Scena
     return ScenarioBatch.from_tensors(tensors)
 
 
-def _widened(scenarios: ScenarioBatch, num_walls: int) -> dict[str, Tensor]:
-    """Return the tensors padded to ``num_walls`` rows of walls."""
+def _widened(scenarios: ScenarioBatch, num_walls: int, num_points: int) -> dict[str, Tensor]:
+    """Return the tensors padded to ``num_walls`` walls and ``num_points`` points of a route."""
     tensors = scenarios.tensors()
-    missing = num_walls - tensors["boxes"].shape[1]
-    tensors["boxes"] = torch.nn.functional.pad(tensors["boxes"], (0, 0, 0, missing))
+    missing = num_walls - scenarios.boxes.shape[1]
+    for name in ("boxes", "box_heights"):
+        tensors[name] = torch.nn.functional.pad(tensors[name], (0, 0, 0, missing))
+    tensors["box_is_disc"] = torch.nn.functional.pad(tensors["box_is_disc"], (0, missing))
+    count = num_points - scenarios.route.shape[2]
+    for name in ("route", "route_arc"):
+        tensors[name] = extended(tensors[name], count)
     return tensors
 
 
-def packed_walls(scenarios: ScenarioBatch) -> Tensor:
-    """Return [M, W, 6] (cx, cy, hx, hy, cos yaw, sin yaw)."""
-    boxes = scenarios.boxes.double()
-    yaw = boxes[..., 4:5]
-    return torch.cat((boxes[..., :4], torch.cos(yaw), torch.sin(yaw)), dim=-1)
+def extended(points: Tensor, count: int) -> Tensor:
+    """Return points ``[N, K, R, ...]`` with ``count`` more: the last one, zeros if R = 0."""
+    if points.shape[2] == 0:
+        return points.new_zeros(*points.shape[:2], count, *points.shape[3:])
+    last = points[:, :, -1:].expand(-1, -1, count, *points.shape[3:])
+    return torch.cat((points, last), dim=2)

@@ -7,11 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Circle, Polygon
 
 from navrl.evaluation.recording import Recording
+from navrl.viz.outlines import is_passed_under, pedestrian_outlines, wall_outlines
 from navrl.viz.style import (
     BLACK,
     GRAY,
@@ -100,7 +101,7 @@ def attention_scale(recording: Recording, name: str) -> Normalize | None:
 
 def scene_limits(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return x and y limits in m that include all walls, the path and the trajectory."""
-    corners = [_box_corners(box) for box in recording.walls]
+    corners = wall_outlines(recording)
     points = np.concatenate([*corners, recording.path, recording.pose[:, :2], [recording.goal]])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
@@ -119,8 +120,13 @@ def closest_step(recording: Recording) -> int:
 
 
 def _draw_map(axes: Axes, recording: Recording) -> None:
-    walls = [_box_corners(box) for box in recording.walls]
+    outlines, above = wall_outlines(recording), is_passed_under(recording)
+    walls = [outline for outline, is_above in zip(outlines, above, strict=True) if not is_above]
     axes.add_collection(PolyCollection(walls, facecolors="#4D4D4D", zorder=2))
+    if above.any():  # table tops
+        tops = [outline for outline, is_above in zip(outlines, above, strict=True) if is_above]
+        look = {"facecolors": "#4D4D4D22", "edgecolors": GRAY, "linewidths": 0.6, "zorder": 1.9}
+        axes.add_collection(PolyCollection(tops, **look))
     axes.plot(*recording.path.T, color=GRAY, linestyle="--", linewidth=1.0, zorder=2.1)
     goal = Circle(recording.goal, recording.goal_radius, fill=False, edgecolor=GREEN)
     goal.set(linewidth=1.2, zorder=2.2)
@@ -186,15 +192,8 @@ def _draw_pedestrians(axes: Axes, recording: Recording, step: int) -> None:
     moving = present & (np.linalg.norm(velocity, axis=-1) > _MOVING_M_S)
     for k in np.flatnonzero(moving):
         axes.plot(*boxes[first : step + 1, k, :2].T, color=ORANGE, alpha=0.5, zorder=3)
-    patches = [
-        Rectangle(
-            (cx - hx, cy - hy), 2 * hx, 2 * hy, angle=np.degrees(yaw), rotation_point="center"
-        )
-        for cx, cy, hx, hy, yaw in boxes[step, present]
-    ]
-    axes.add_collection(
-        PatchCollection(patches, facecolor=ORANGE, edgecolor=BLACK, linewidth=0.6, zorder=3.1)
-    )
+    look = {"facecolor": ORANGE, "edgecolor": BLACK, "linewidth": 0.6, "zorder": 3.1}
+    axes.add_collection(PolyCollection(pedestrian_outlines(recording, step), **look))
     _arrows(axes, boxes[step, moving, :2], velocity[moving] * VELOCITY_AHEAD_S, ORANGE, 3.2)
 
 
@@ -268,8 +267,3 @@ def _sector_rims(ends: np.ndarray, count: int) -> list[np.ndarray]:
         reach = np.append(reach, reach[-1:] if last > first else 0.0)
         rims.append(reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
     return rims
-
-
-def _box_corners(box: np.ndarray) -> np.ndarray:
-    cx, cy, hx, hy, yaw = box
-    return _to_world((cx, cy, yaw), np.array([[hx, hy], [-hx, hy], [-hx, -hy], [hx, -hy]]))

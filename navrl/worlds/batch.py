@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 from torch import Tensor
 
-from navrl.worlds.scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Scenario
+from navrl.worlds.packing import default_tensors, scenario_row
+from navrl.worlds.scenario import MAX_ROUTE_POINTS, Scenario
 
 KINDS = (
     *("corridor", "intersection", "office", "other"),
@@ -25,20 +25,27 @@ class ScenarioBatch:
     """S scenarios, padded to the same number of walls W and pedestrians K.
 
     Args:
-        boxes: ``[S, W, 5]`` float64 walls; rows from ``num_boxes`` on are padding.
+        boxes: ``[S, W, 5]`` float64 obstacles, boxes and then the bounding squares of discs; rows
+            from ``num_boxes`` on are padding.
         num_boxes: ``[S]`` int64.
+        box_is_disc: ``[S, W]`` bool, the obstacle is a disc of radius hx.
+        box_heights: ``[S, W, 2]`` float64 m, bottom and top; (0, infinity) by default.
         num_furniture: ``[S]`` int64, number of furniture boxes, which are the last ones.
         start: ``[S, 3]`` float64 robot pose.
         goal: ``[S, 2]`` float64 m.
         path: ``[S, MAX_PATH_POINTS, 2]`` float32 m, padded by repeating the goal.
         path_length: ``[S]`` float64 m.
-        route: ``[S, K, MAX_ROUTE_POINTS, 2]`` float64 m, padded by repeating the last point.
-        route_arc: ``[S, K, MAX_ROUTE_POINTS]`` float64 m, arc length of each route point.
-        ped_speed: ``[S, K]`` float64 m/s.
+        route: ``[S, K, R, 2]`` float64 m, padded by repeating the last point; R is
+            ``MAX_ROUTE_POINTS``, or more with longer tracks.
+        route_arc: ``[S, K, R]`` float64 m, arc length of each route point; of a track the time, s.
+        ped_speed: ``[S, K]`` float64 m/s; of a track the largest speed.
         ped_offset: ``[S, K]`` float64 m.
         ped_half: ``[S, K, 2]`` float64 m.
         ped_present: ``[S, K]`` bool.
         ped_static: ``[S, K]`` bool.
+        ped_tracked: ``[S, K]`` bool, the route is a track.
+        ped_body: ``[S, K]`` int64 codes of :mod:`navrl.ops.bodies`.
+        ped_leg_radius: ``[S, K]`` float64 m.
         kind: ``[S]`` int64, index into ``kinds``.
         noise_seed: ``[S]`` int64.
         kinds: Names of the kinds of worlds; empty if they are not known.
@@ -46,6 +53,8 @@ class ScenarioBatch:
 
     boxes: Tensor
     num_boxes: Tensor
+    box_is_disc: Tensor
+    box_heights: Tensor
     num_furniture: Tensor
     start: Tensor
     goal: Tensor
@@ -58,6 +67,9 @@ class ScenarioBatch:
     ped_half: Tensor
     ped_present: Tensor
     ped_static: Tensor
+    ped_tracked: Tensor
+    ped_body: Tensor
+    ped_leg_radius: Tensor
     kind: Tensor
     noise_seed: Tensor
     kinds: tuple[str, ...] = ()
@@ -81,7 +93,7 @@ class ScenarioBatch:
         """
         if not scenarios:
             raise ValueError("scenarios=[]: must have at least one")
-        boxes = max(len(s.boxes) for s in scenarios)
+        boxes = max(len(s.boxes) + len(s.discs) for s in scenarios)
         people = max(len(s.pedestrians) for s in scenarios)
         for name, limit, found in (
             ("max_boxes", max_boxes, boxes),
@@ -91,7 +103,11 @@ class ScenarioBatch:
                 raise ValueError(f"{name}={limit}: must be >= {found}, as in one of the scenarios")
         width = max_boxes or max(boxes, 1), max_pedestrians or max(people, 1)
         kinds = tuple(sorted({scenario.kind for scenario in scenarios}))
-        rows = [_row(scenario, *width, kinds.index(scenario.kind)) for scenario in scenarios]
+        points = max((len(p.route) for s in scenarios for p in s.pedestrians), default=0)
+        width = *width, max(points, MAX_ROUTE_POINTS)
+        rows = [
+            scenario_row(scenario, *width, kinds.index(scenario.kind)) for scenario in scenarios
+        ]
         stacked = {k: torch.from_numpy(np.stack([row[k] for row in rows])) for k in rows[0]}
         return cls(**stacked, kinds=kinds)
 
@@ -109,8 +125,8 @@ class ScenarioBatch:
     def from_tensors(
         cls, tensors: Mapping[str, Tensor], kinds: Sequence[str] = ()
     ) -> ScenarioBatch:
-        """Rebuild from :meth:`tensors`; older data without furniture is accepted."""
-        tensors = {"num_furniture": torch.zeros_like(tensors["num_boxes"]), **tensors}
+        """Rebuild from :meth:`tensors`; older data without the newer tensors is accepted."""
+        tensors = {**default_tensors(tensors), **tensors}
         return cls(**{name: tensors[name] for name in tensor_names()}, kinds=tuple(kinds))
 
     def kind_of(self, row: int) -> str:
@@ -132,6 +148,28 @@ class ScenarioBatch:
         present = self.ped_present & ~empty.unsqueeze(-1)
         return replace(self, ped_present=present)
 
+    def touchable(self, height: float) -> ScenarioBatch:
+        """Return the scenarios without the obstacles that a robot passes under.
+
+        Args:
+            height: Height of the robot, m.
+        """
+        bottom, top = self.box_heights.unbind(-1)
+        index = torch.arange(self.boxes.shape[1], device=self.boxes.device)
+        is_box = index < self.num_boxes[:, None]
+        kept = is_box & (bottom < height) & (top > 0.0)
+        if bool((kept == is_box).all()):
+            return self
+        is_furniture = index >= (self.num_boxes - self.num_furniture)[:, None]
+        order = torch.argsort(~kept, dim=1, stable=True)
+        rows = torch.arange(len(self), device=self.boxes.device)[:, None]
+        moved = {
+            name: getattr(self, name)[rows, order]
+            for name in ("boxes", "box_is_disc", "box_heights")
+        }
+        count = (kept & is_furniture).sum(-1)
+        return replace(self, **moved, num_boxes=kept.sum(-1), num_furniture=count)
+
     def with_noise_seed(self, noise_seed: Tensor) -> ScenarioBatch:
         """Replace the seeds ``[S]`` of the lidar's noise."""
         return replace(self, noise_seed=noise_seed)
@@ -140,74 +178,3 @@ class ScenarioBatch:
 def tensor_names() -> list[str]:
     """Return the names of the tensors of a batch."""
     return [field.name for field in fields(ScenarioBatch) if field.name != "kinds"]
-
-
-def _row(
-    scenario: Scenario, max_boxes: int, max_pedestrians: int, kind: int
-) -> dict[str, ArrayLike]:
-    people = scenario.pedestrians
-    boxes = np.zeros((max_boxes, 5))
-    boxes[: len(scenario.boxes)] = scenario.boxes
-    path = np.repeat(scenario.path[-1:], MAX_PATH_POINTS, axis=0)
-    path[: len(scenario.path)] = scenario.path
-    route = np.zeros((max_pedestrians, MAX_ROUTE_POINTS, 2))
-    arc = np.zeros((max_pedestrians, MAX_ROUTE_POINTS))
-    for k, person in enumerate(people):
-        route[k] = person.route[-1]
-        route[k, : len(person.route)] = person.route
-        arc[k, 1:] = np.linalg.norm(np.diff(route[k], axis=0), axis=1).cumsum()
-    pad = max_pedestrians - len(people)
-    half = [person.half_size for person in people] + [(0.0, 0.0)] * pad
-    return {
-        "boxes": boxes,
-        "num_boxes": np.int64(len(scenario.boxes)),
-        "num_furniture": np.int64(scenario.num_furniture),
-        "start": scenario.start,
-        "goal": scenario.goal,
-        "path": path.astype(np.float32),
-        "path_length": np.linalg.norm(np.diff(scenario.path, axis=0), axis=1).sum(),
-        "route": route,
-        "route_arc": arc,
-        "ped_speed": np.array([p.speed for p in people] + [0.0] * pad),
-        "ped_offset": np.array([p.offset for p in people] + [0.0] * pad),
-        "ped_half": np.array(half, dtype=np.float64).reshape(-1, 2),
-        "ped_present": np.arange(max_pedestrians) < len(people),
-        "ped_static": np.array([p.is_static for p in people] + [False] * pad),
-        "kind": np.int64(kind),
-        "noise_seed": np.int64(scenario.noise_seed),
-    }
-
-
-def pedestrian_boxes(batch: ScenarioBatch, time_s: Tensor) -> Tensor:
-    """Return the pedestrians' boxes at given times.
-
-    The position along the route is a triangle wave of time: back and forth at constant speed. The
-    yaw is the direction of travel; stationary pedestrians have yaw 0.
-
-    Args:
-        batch: S scenarios.
-        time_s: ``[S]`` s since the start.
-
-    Returns:
-        ``[S, K, 5]`` float64 (cx, cy, hx, hy, yaw), world; NaN rows for absent pedestrians.
-    """
-    length = batch.route_arc[..., -1]
-    traveled = batch.ped_offset + batch.ped_speed * time_s.double().unsqueeze(-1)
-    phase = torch.remainder(traveled, (2 * length).clamp_min(1e-9))
-    returning = phase > length
-    arc = torch.where(returning, 2 * length - phase, phase).clamp_min(0.0)
-    ends = batch.route_arc[..., 1:].contiguous()
-    segment = torch.searchsorted(ends, arc.unsqueeze(-1)).clamp_max(MAX_ROUTE_POINTS - 2)
-    pair = segment.unsqueeze(-1).expand(*segment.shape, 2)
-    first = batch.route.gather(-2, pair).squeeze(-2)
-    second = batch.route.gather(-2, pair + 1).squeeze(-2)
-    begin = batch.route_arc.gather(-1, segment).squeeze(-1)
-    step = second - first
-    size = step.norm(dim=-1)
-    share = ((arc - begin) / size.clamp_min(1e-9)).clamp(0.0, 1.0)
-    position = first + share.unsqueeze(-1) * step
-    sign = torch.where(returning, -1.0, 1.0).double()
-    yaw = torch.atan2(sign * step[..., 1], sign * step[..., 0])
-    yaw = torch.where(batch.ped_static | (size == 0), 0.0, yaw)
-    boxes = torch.cat([position, batch.ped_half, yaw.unsqueeze(-1)], dim=-1)
-    return boxes.masked_fill(~batch.ped_present.unsqueeze(-1), torch.nan)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,56 +12,19 @@ import numpy as np
 
 from navrl.files import write_text
 from navrl.untrusted import DamagedFileError, read_text
+from navrl.worlds.pedestrian import MAX_ROUTE_POINTS, Pedestrian
 
-MAX_ROUTE_POINTS = 32
-"""Maximum number of points of a pedestrian's route."""
+__all__ = ["MAX_PATH_POINTS", "MAX_ROUTE_POINTS", "Pedestrian", "Scenario"]
+
 MAX_PATH_POINTS = 200
 """Maximum number of points of a global path."""
-_FORMAT = "navrl-scenario-1"
+_FORMATS = ("navrl-scenario-1", "navrl-scenario-2")
+_ADDED = {"num_furniture": 0, "discs": (), "heights": ()}  # keys that older files lack
 _MAX_NAME = 200  # characters of a suite or a kind of world
 _KINDS = {"suite": str, "kind": str} | dict.fromkeys(
     ("seed", "index", "noise_seed", "num_furniture"), int
 )
 _DECIMALS = 6  # of meters and radians in a fingerprint
-
-
-@dataclass(frozen=True)
-class Pedestrian:
-    """Non-reactive pedestrian: a cuboid that walks its route back and forth.
-
-    Args:
-        route: ``[R, 2]`` m, world; one point for a stationary pedestrian.
-        speed: Walking speed, m/s; 0 for a stationary pedestrian.
-        offset: Position at time zero in the back-and-forth coordinate, m: 0 to L is forth, L to 2 L
-            is back.
-        half_size: Half depth (along the route) and half width, m.
-
-    Raises:
-        ValueError: If a value is out of range.
-
-    Reference:
-        Paper Sec. IV-F1. The paper gives no size; 0.26 to 0.30 m is from the authors' precursor.
-    """
-
-    route: np.ndarray
-    speed: float
-    offset: float
-    half_size: tuple[float, float] = (0.15, 0.15)
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.route)
-        if len(shape) != 2 or shape[1] != 2 or not 1 <= shape[0] <= MAX_ROUTE_POINTS:
-            raise ValueError(f"route.shape={list(shape)}: must be [1..{MAX_ROUTE_POINTS}, 2]")
-        if not (self.speed >= 0 and self.offset >= 0 and min(self.half_size) > 0):
-            raise ValueError(
-                f"speed={self.speed}, offset={self.offset}: must be >= 0; "
-                f"half_size={self.half_size}: must be > 0"
-            )
-
-    @property
-    def is_static(self) -> bool:
-        """Return whether the pedestrian is stationary."""
-        return self.speed == 0.0
 
 
 @dataclass(frozen=True)
@@ -81,11 +44,16 @@ class Scenario:
         path: ``[P, 2]`` m, global path from start to goal, points about 0.1 m apart.
         pedestrians: Dynamic ones first, then static ones.
         noise_seed: Seed of the lidar's noise, in [0, 2**32).
-        num_furniture: Number of ``boxes``, the last ones, that are furniture instead of walls. It
-            only classifies collisions; robot and lidar do not distinguish them.
+        num_furniture: Number of obstacles, the last ones of boxes and then discs, that are
+            furniture instead of walls. It only classifies collisions; robot and lidar do not
+            distinguish them.
+        discs: ``[D, 3]`` round obstacles (cx, cy, radius), m, world.
+        heights: ``[W + D, 2]`` m over the floor, bottom and top of each box and then each disc:
+            a lidar at height h sees those with bottom <= h < top, a robot of height H touches those
+            with bottom < H and top > 0. Empty if all of them reach from the floor to the ceiling.
 
     Raises:
-        ValueError: If a shape is wrong, or there is more furniture than boxes.
+        ValueError: If a shape or value is wrong, or there is more furniture than obstacles.
     """
 
     suite: str
@@ -99,9 +67,12 @@ class Scenario:
     pedestrians: tuple[Pedestrian, ...]
     noise_seed: int
     num_furniture: int = 0
+    discs: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    heights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         expected = {"boxes": (None, 5), "start": (3,), "goal": (2,), "path": (None, 2)}
+        expected |= {"discs": (None, 3), "heights": (None, 2)}
         for name, shape in expected.items():
             got = np.shape(getattr(self, name))
             fits = len(got) == len(shape) and all(
@@ -111,32 +82,42 @@ class Scenario:
                 raise ValueError(f"{name}.shape={list(got)}: must be {list(shape)}")
         if not 2 <= len(self.path) <= MAX_PATH_POINTS:
             raise ValueError(f"path: must have 2 to {MAX_PATH_POINTS} points, got {len(self.path)}")
-        if not 0 <= self.num_furniture <= len(self.boxes):
+        count = len(self.boxes) + len(self.discs)
+        if not 0 <= self.num_furniture <= count:
             raise ValueError(
-                f"num_furniture={self.num_furniture}: must be in 0 to {len(self.boxes)}, all boxes"
+                f"num_furniture={self.num_furniture}: must be in 0 to {count}, all boxes and discs"
             )
+        if len(self.heights) not in (0, count):
+            raise ValueError(f"heights: must have {count} rows, one per box and disc, or none")
+        if not (np.isfinite(self.heights).all() and (np.diff(self.heights) > 0).all()):
+            raise ValueError("heights: must be finite with bottom < top")
+        if not (np.isfinite(self.discs).all() and (self.discs[:, 2] > 0).all()):
+            raise ValueError("discs: must be finite with radius > 0")
+
+    @property
+    def obstacles(self) -> np.ndarray:
+        """Boxes and bounding squares of discs, ``[W + D, 5]``, m and rad, world."""
+        squares = np.zeros((len(self.discs), 5))
+        squares[:, :3], squares[:, 3] = self.discs, self.discs[:, 2]
+        return np.concatenate([self.boxes, squares])
 
     def to_dict(self) -> dict:
         """Return plain lists and numbers, from which floats are restored exactly.
 
-        ``num_furniture`` is omitted if it is 0, so that older scenarios have the same hash.
+        What a scenario does not use is omitted, so that older scenarios have the same text and
+        hash: ``num_furniture`` if it is 0, and the properties of the second format.
         """
         plain = {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in vars(self).items()
         }
-        plain["pedestrians"] = [
-            {
-                "route": person.route.tolist(),
-                "speed": person.speed,
-                "offset": person.offset,
-                "half_size": list(person.half_size),
-            }
-            for person in self.pedestrians
-        ]
-        if not self.num_furniture:
-            del plain["num_furniture"]
-        return {"format": _FORMAT, **plain}
+        plain["pedestrians"] = [person.to_dict() for person in self.pedestrians]
+        for name in _ADDED:
+            if not plain[name]:
+                del plain[name]
+        is_first = not (len(self.discs) or len(self.heights))
+        is_first &= all(person.is_plain for person in self.pedestrians)
+        return {"format": _FORMATS[0 if is_first else 1], **plain}
 
     @classmethod
     def from_dict(cls, plain: Mapping) -> Scenario:
@@ -154,9 +135,9 @@ class Scenario:
 
     @classmethod
     def _from_dict(cls, plain: Mapping[str, Any]) -> Scenario:
-        plain = dict[str, Any]({"num_furniture": 0, **plain})
-        if plain.pop("format", None) != _FORMAT:
-            raise ValueError(f"scenario: format must be {_FORMAT!r}")
+        plain = dict[str, Any]({**_ADDED, **plain})
+        if plain.pop("format", None) not in _FORMATS:
+            raise ValueError(f"scenario: format must be one of {', '.join(_FORMATS)}")
         missing = sorted(cls.__dataclass_fields__.keys() - plain.keys())
         unknown = sorted(plain.keys() - cls.__dataclass_fields__.keys())
         if missing or unknown:
@@ -167,20 +148,13 @@ class Scenario:
         for name in ("suite", "kind"):
             if len(plain[name]) > _MAX_NAME:
                 raise ValueError(f"scenario: {name}: must have at most {_MAX_NAME} characters")
-        people = tuple(
-            Pedestrian(
-                np.asarray(person["route"], dtype=np.float64).reshape(-1, 2),
-                float(person["speed"]),
-                float(person["offset"]),
-                tuple(person["half_size"]),
-            )
-            for person in plain["pedestrians"]
-        )
+        people = tuple(Pedestrian.from_dict(person) for person in plain["pedestrians"])
         arrays = {
             name: np.asarray(plain[name], dtype=np.float64)
-            for name in ("boxes", "start", "goal", "path")
+            for name in ("boxes", "start", "goal", "path", "discs", "heights")
         }
-        arrays["boxes"] = arrays["boxes"].reshape(-1, 5)
+        for name, columns in (("boxes", 5), ("discs", 3), ("heights", 2)):
+            arrays[name] = arrays[name].reshape(-1, columns)
         return cls(**{**plain, **arrays, "pedestrians": people})
 
     def to_json(self) -> str:

@@ -153,7 +153,7 @@ def clearance_of_corners(simulator, scenario, world, beam, distance):
         entry = (int(memory.newest[world]) - later) % memory.length
         pose, people = (memory.rows[name][world, entry] for name in ("pose", "boxes"))
     walls = torch.tensor(scenario.boxes, dtype=torch.float64)
-    boxes = torch.cat((walls, people))
+    boxes = torch.cat((walls, people[:, :5]))
     signs = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]).double()
     corners = signs * boxes[:, None, 2:4]  # [boxes, 4, 2], each in its box's frame
     corners = se2.transform_points(boxes[:, [0, 1, 4]], corners).flatten(0, 1)

@@ -28,6 +28,11 @@ def reordering_scalar(function: Callable) -> Callable:
     return numba.njit(error_model="numpy", fastmath={"reassoc", "contract"})(function)
 
 
+def unordered_scalar(function: Callable) -> Callable:
+    """Compile like :func:`scalar` for numbers without NaN, so that maxima can be vectorized."""
+    return numba.njit(error_model="numpy", fastmath={"nnan", "nsz", "reassoc"})(function)
+
+
 def kernel(function: Callable) -> Callable:
     """Compile a loop over rows at its first call and cache it on disk.
 

@@ -1,8 +1,10 @@
-"""Ray casting by rasterizing box faces into intervals of beams.
+"""Ray casting by rasterizing box faces and discs into intervals of beams.
 
 At most two faces of a box are visible to a scanner outside of it, and each face covers one interval
-of beams. The cost per box is therefore two to four arc tangents and one division per covered beam,
-instead of one slab test per beam and box.
+of beams, as does a disc. The cost per box is therefore two to four arc tangents and one division
+per covered beam, instead of one slab test per beam and box.
+
+A disc is an obstacle without a direction: its cosine and sine are zero and hx is its radius.
 """
 
 import math
@@ -18,6 +20,9 @@ _EDGE = 1e-9  # beams; widens faces so that no beam passes between two boxes wit
 def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
     """Write a face seen from its outside as (distance, nx, ny, first, last, last after a turn).
 
+    A disc is written as (-radius, x, y, first, last, last after a turn), its center in the scanner
+    frame.
+
     Args:
         face: [6]; beams ``first .. last`` meet it, and beams ``0 .. last after a turn``, if any. An
             index may lie beyond the scan's beams.
@@ -25,7 +30,8 @@ def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
             that a full circle would hold).
         distance: Distance of the scanner from the face's line, positive.
         nx, ny: unit normal pointing from the scanner to the face's line, scanner frame.
-        start_x .. end_y: the face's corners in the scanner frame, counter-clockwise.
+        start_x .. end_y: the face's corners in the scanner frame, counter-clockwise, or points in
+            the directions of a disc's tangents.
     """
     angle_min, beams_per_rad, period = grid
     start = (math.atan2(start_y, start_x) - angle_min) * beams_per_rad
@@ -42,6 +48,24 @@ def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
 
 
 @scalar
+def find_disc(face, grid, max_range, dx, dy, cos_yaw, sin_yaw, radius):
+    """Write a disc with center (dx, dy) from the scanner, world frame; return as find_faces."""
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance - radius >= max_range:
+        return 0
+    if distance <= radius:
+        return -1
+    px, py = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
+    sin = radius / distance  # of half the angle that the disc covers
+    cos = math.sqrt(1.0 - sin * sin)
+    write_face(
+        face, grid, -radius, px, py,
+        cos * px + sin * py, cos * py - sin * px, cos * px - sin * py, cos * py + sin * px,
+    )  # fmt: skip
+    return 1
+
+
+@scalar
 def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, cos_box, sin_box):
     """Write the faces of a box that are visible to a scanner; see :func:`write_face`.
 
@@ -52,6 +76,8 @@ def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, c
         scanner, which then reads 0 in all beams.
     """
     dx, dy = cx - x, cy - y
+    if cos_box == 0.0 and sin_box == 0.0:
+        return find_disc(faces[0], grid, max_range, dx, dy, cos_yaw, sin_yaw, hx)
     # the scanner in the box frame
     qx = -(cos_box * dx + sin_box * dy)
     qy = -(cos_box * dy - sin_box * dx)
@@ -105,13 +131,30 @@ def cast_box(
 
 @scalar
 def cast_interval(out, cos, sin, face, first, stop):
-    """Write the ranges to one face into the beams ``first .. stop - 1`` of ``out``."""
+    """Write the ranges to one face or disc into the beams ``first .. stop - 1`` of ``out``."""
     distance, nx, ny = face[0], face[1], face[2]
+    if distance < 0.0:
+        cast_disc(out, cos, sin, face, first, stop)
+        return
     for beam in range(first, stop):
         towards = nx * cos[beam] + ny * sin[beam]
         reach = np.float32(distance / towards)
         if towards > 0.0 and reach < out[beam]:
             out[beam] = reach
+
+
+@scalar
+def cast_disc(out, cos, sin, face, first, stop):
+    """Write the ranges to one disc into the beams ``first .. stop - 1`` of ``out``."""
+    radius, px, py = -face[0], face[1], face[2]
+    for beam in range(first, stop):
+        along = px * cos[beam] + py * sin[beam]
+        across = px * sin[beam] - py * cos[beam]
+        inside = radius * radius - across * across
+        if along > 0.0 and inside >= 0.0:
+            reach = np.float32(along - math.sqrt(inside))
+            if reach < out[beam]:
+                out[beam] = reach
 
 
 @kernel

@@ -161,7 +161,7 @@ class Oracle(Controller):
             ``[S]`` bool, whether a plan was found.
         """
         rows, origin = _distinct(scenarios)
-        distinct = scenarios[rows].to("cpu")
+        distinct = scenarios[rows].to("cpu").touchable(self.robot.height)
         stay = int((self.commands == 0).all(-1).nonzero()[0])
         plan = torch.full((len(rows), self._plan_steps), stay)
         solved = torch.zeros(len(rows), dtype=torch.bool)

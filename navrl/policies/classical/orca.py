@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from types import ModuleType
 from typing import Any
 
 import torch
@@ -13,11 +12,11 @@ from torch import Tensor
 
 from navrl import keys
 from navrl.checks import check_positive
-from navrl.extras import install_hint
 from navrl.ops import se2
 from navrl.policies.classical.commands import last_command, normalized_action
 from navrl.policies.controller import Controller
 from navrl.sim import DifferentialDrive
+from navrl.sim.rvo import corners, import_rvo
 from navrl.worlds import ScenarioBatch
 
 RVOSimulator = Any  # pyrvo is an extra, and has no annotations
@@ -87,7 +86,7 @@ class Orca(Controller):
                 raise ValueError(f"{name}={value}: must be >= 0")
         if not abs(sidestep) < math.pi / 2:
             raise ValueError(f"sidestep={sidestep}: must be within +-pi/2 rad")
-        self._rvo = _import_rvo()
+        self._rvo = import_rvo("policy=orca")
         self.in_keys = [keys.POSE, keys.WAYPOINTS, keys.PEDESTRIAN_BOXES]
         self.out_keys = [keys.ACTION, PREVIOUS_BOXES]
         self.robot, self.waypoint, self.time_step_s = robot, waypoint, time_step_s
@@ -98,13 +97,14 @@ class Orca(Controller):
 
     def prepare(self, scenarios: ScenarioBatch) -> None:
         """Read the walls and the pedestrians' speeds of the next episodes, ``[N]``."""
-        corners = _corners(scenarios.boxes).tolist()
+        scenarios = scenarios.touchable(self.robot.height)
+        outlines = corners(scenarios.boxes).tolist()
         count = scenarios.num_boxes.tolist()
         here = scenarios.ped_present
         radius = scenarios.ped_half.norm(dim=-1).masked_fill(~here, 0.0).amax(-1).tolist()
         speed = scenarios.ped_speed.masked_fill(~here, 0.0).amax(-1).tolist()
         self._worlds = [
-            self._make_world(corners[n][: count[n]], radius[n], speed[n], here.shape[-1])
+            self._make_world(outlines[n][: count[n]], radius[n], speed[n], here.shape[-1])
             for n in range(len(scenarios))
         ]
 
@@ -200,20 +200,3 @@ class Orca(Controller):
         turn = torch.atan2(y, x) / self.time_step_s
         is_slow = velocity.norm(dim=-1) < 0.02 * self.robot.max_speed  # too slow for a direction
         return torch.stack([x.clamp_min(0.0), turn.masked_fill(is_slow, 0.0)], dim=-1)
-
-
-def _corners(boxes: Tensor) -> Tensor:
-    """Return the corners ``[..., 4, 2]`` m, counter-clockwise, of boxes ``[..., 5]``."""
-    signs = boxes.new_tensor([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    offsets = signs * boxes[..., None, 2:4]
-    return boxes[..., None, :2] + se2.rotate(offsets, boxes[..., 4:])
-
-
-def _import_rvo() -> ModuleType:
-    try:
-        import pyrvo
-    except ImportError as error:
-        raise ImportError(
-            f"policy=orca: needs pyrvo (RVO2, Apache-2.0); {install_hint('orca')}"
-        ) from error
-    return pyrvo

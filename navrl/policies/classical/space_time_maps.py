@@ -9,8 +9,10 @@ import torch
 from skimage.graph import MCP_Geometric
 from torch import Tensor
 
+from navrl.ops.bodies import BODY_LEGS
 from navrl.ops.distance import point_box_distance
-from navrl.worlds import ScenarioBatch, pedestrian_boxes
+from navrl.ops.gait import HALF_STEP_WIDTH_M, MAX_STRIDE
+from navrl.worlds import ScenarioBatch, pedestrian_states
 
 _SEARCH_MARGIN_M = 1.5  # m around the path that is searched if no wall bounds it
 
@@ -76,13 +78,21 @@ def _with_direction(boxes: Tensor) -> Tensor:
 
 
 def _people(scenarios: ScenarioBatch, time_s: Tensor) -> Tensor:
-    """Return ``[S, T, K, 6]`` boxes of the pedestrians; NaN rows for absent ones."""
-    return torch.stack(
-        [
-            _with_direction(pedestrian_boxes(scenarios[row.expand(len(time_s))], time_s))
-            for row in torch.arange(len(scenarios))
-        ]
-    )
+    """Return ``[S, T, K, 6]`` boxes of the pedestrians; NaN rows for absent ones.
+
+    The box of a pedestrian with legs includes them, wherever they are in their step.
+    """
+    found = []
+    for row in torch.arange(len(scenarios)):
+        states = pedestrian_states(scenarios[row.expand(len(time_s))], time_s)
+        boxes, leg = states[..., :5].clone(), scenarios.ped_leg_radius[row]
+        has_legs = (scenarios.ped_body[row] == BODY_LEGS)[:, None]
+        along = MAX_STRIDE * states[..., 6] + leg
+        across = (HALF_STEP_WIDTH_M + leg).expand_as(along)
+        reach = torch.maximum(boxes[..., 2:4], torch.stack((along, across), dim=-1))
+        boxes[..., 2:4] = torch.where(has_legs, reach, boxes[..., 2:4])
+        found.append(_with_direction(boxes))
+    return torch.stack(found)
 
 
 def _floor(scenarios: ScenarioBatch) -> tuple[Tensor, Tensor]:

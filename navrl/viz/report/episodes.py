@@ -12,6 +12,7 @@ from navrl.evaluation.recording import Recording
 from navrl.ops.contact import nearest_point_on_box
 from navrl.viz.animation import episode_name
 from navrl.viz.drive import forward_and_turn
+from navrl.viz.outlines import pedestrian_outlines, wall_outlines
 from navrl.viz.report.endings import ENDINGS, ending_of_recording, ending_of_row
 from navrl.viz.scene import attention_scale, closest_step, scene_limits
 
@@ -56,11 +57,14 @@ def episode_data(
         "max_range": recording.max_range,
         "limits": _rounded(np.array(limits)),
         "start_step": closest_step(recording),
-        "walls": [_rounded(_corners(box)) for box in recording.walls],
+        "walls": [_rounded(outline) for outline in wall_outlines(recording)],
         "path": _rounded(_without_repetition(recording.path)),
         "goal": _rounded(recording.goal),
         "pose": _rounded(recording.pose, 4),
-        "people": [_people(boxes) for boxes in recording.pedestrian_boxes],
+        "people": [
+            [_rounded(outline) for outline in pedestrian_outlines(recording, step)]
+            for step in range(len(recording.pedestrian_boxes))
+        ],
         "points": [_rounded(points) for points in _scan_points(recording)],
         "tagd": _tagd(recording),
         "action": _rounded(forward_and_turn(recording), 4),
@@ -95,16 +99,6 @@ def _scan_points(recording: Recording) -> np.ndarray:
     """Return ``[T + 1, N, 2]`` m, robot frame: the pooled scan, or each 8th beam without one."""
     points, _ = recording.scan_points()
     return points if recording.points is not None else points[:, :: max(1, points.shape[1] // 180)]
-
-
-def _people(boxes: np.ndarray) -> list[list[list[float]]]:
-    return [_rounded(_corners(box)) for box in boxes if np.isfinite(box).all()]
-
-
-def _corners(box: np.ndarray) -> np.ndarray:
-    cx, cy, hx, hy, yaw = box
-    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    return np.array([[hx, hy], [-hx, hy], [-hx, -hy], [hx, -hy]]) @ turn + [cx, cy]
 
 
 def _without_repetition(path: np.ndarray) -> np.ndarray:

@@ -1,0 +1,168 @@
+"""Global paths among oriented boxes and discs, planned by a cost near obstacles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from skimage.graph import MCP_Geometric
+from skimage.measure import label
+
+from navrl.checks import check_positive
+from navrl.worlds.planner import NoPathError, resample
+from navrl.worlds.scenario import MAX_PATH_POINTS
+
+_SMOOTHING_M = (0.8, 0.4, 0.2)  # lengths of the moving average, the first that is clear is used
+
+
+class ClearanceMap:
+    """Distances to obstacles on a grid, and paths that keep away from obstacles.
+
+    A path may be as close to obstacles as ``clearance``, and a cell nearer than ``comfort`` costs
+    up to ``1 + weight`` times its length. So a path goes through the middle of a doorway without
+    an inflation that would close the doorway or press the whole path to one side of a room.
+
+    Args:
+        boxes: ``[W, 5]`` boxes with any yaw, m and rad.
+        discs: ``[D, 3]`` discs, m.
+        clearance: Minimum distance of the path to obstacles, m: the robot's radius and a margin.
+        comfort: Distance from which on a cell costs nothing extra, m.
+        weight: Extra cost at ``clearance``.
+        cell: Size of a grid cell, m.
+        margin: Free space around the obstacles, m.
+
+    Raises:
+        ValueError: If there are no obstacles, a value is not positive or ``comfort`` not larger
+            than ``clearance``.
+
+    Example:
+        >>> room = np.array([[0, 2, 3, 0.05, 0], [0, -2, 3, 0.05, 0], [0, 0, 0.5, 0.5, 0.785]])
+        >>> path = ClearanceMap(room, np.zeros((0, 3))).path([-2.5, 0.0], [2.5, 0.0])
+        >>> bool(np.abs(path[:, 1]).max() > 0.9)  # around the turned box
+        True
+    """
+
+    def __init__(
+        self,
+        boxes: np.ndarray,
+        discs: np.ndarray,
+        clearance: float = 0.23,
+        comfort: float = 0.6,
+        weight: float = 3.0,
+        cell: float = 0.05,
+        margin: float = 1.0,
+    ) -> None:
+        """Compute the clearance of all cells."""
+        check_positive(clearance=clearance, weight=weight, cell=cell, margin=margin)
+        if not comfort > clearance:
+            raise ValueError(f"comfort={comfort}: must be > clearance={clearance} m")
+        if not len(boxes) + len(discs):
+            raise ValueError("boxes=[], discs=[]: must have at least one obstacle")
+        self.boxes, self.discs = np.asarray(boxes, float), np.asarray(discs, float)
+        self.min_clearance, self.comfort, self.weight, self.cell = clearance, comfort, weight, cell
+        reach = np.concatenate([np.linalg.norm(self.boxes[:, 2:4], axis=1), self.discs[:, 2]])
+        center = np.concatenate([self.boxes[:, :2], self.discs[:, :2]])
+        self.origin = (center - reach[:, None]).min(0) - margin
+        size = (center + reach[:, None]).max(0) + margin - self.origin
+        self.clearance = np.full(tuple(np.ceil(size / cell).astype(int)), comfort)
+        for box in self.boxes:
+            self._lower(box[:2], np.linalg.norm(box[2:4]), lambda at, box=box: _to_box(at, box))
+        for disc in self.discs:
+            self._lower(disc[:2], disc[2], lambda at, disc=disc: _to_disc(at, disc))
+        self.regions = np.asarray(label(self.clearance >= clearance, connectivity=1))
+
+    def _lower(
+        self, center: np.ndarray, radius: float, distance: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
+        """Lower the clearance of the cells around an obstacle to their distance from it."""
+        reach = radius + self.comfort
+        low = np.floor((center - reach - self.origin) / self.cell).astype(int).clip(0)
+        high = np.ceil((center + reach - self.origin) / self.cell).astype(int) + 1
+        part = self.clearance[low[0] : high[0], low[1] : high[1]]
+        x, y = (
+            self.origin[k] + (low[k] + np.arange(part.shape[k]) + 0.5) * self.cell for k in (0, 1)
+        )
+        at = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+        np.minimum(part, distance(at), out=part)
+
+    def index(self, points: np.ndarray) -> np.ndarray:
+        """Return the cells ``[*B, 2]`` of points ``[*B, 2]``, clipped to the grid."""
+        cells = np.floor((np.asarray(points) - self.origin) / self.cell).astype(int)
+        return cells.clip(0, np.array(self.clearance.shape) - 1)
+
+    def centers(self, mask: np.ndarray) -> np.ndarray:
+        """Return the centers ``[C, 2]`` m of the cells where ``mask [X, Y]`` is true."""
+        return self.origin + (np.argwhere(mask) + 0.5) * self.cell
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Return the exact distances ``[P]`` m from points ``[P, 2]`` to the obstacles."""
+        found = np.full(len(points), np.inf)
+        for box in self.boxes:
+            np.minimum(found, _to_box(points, box), out=found)
+        for disc in self.discs:
+            np.minimum(found, _to_disc(points, disc), out=found)
+        return found
+
+    def connected(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Return whether there is a path between two points."""
+        first, second = (self.regions[tuple(self.index(point))] for point in (a, b))
+        return bool(first == second and first != 0)
+
+    def path(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Return a smooth path ``[P, 2]`` m, points at most about 0.1 m apart.
+
+        Raises:
+            NoPathError: If a point is too close to obstacles or they are not connected.
+        """
+        start, goal = np.asarray(start, float), np.asarray(goal, float)
+        if not self.connected(start, goal):
+            raise NoPathError(f"no path from {start.tolist()} to {goal.tolist()}")
+        points = self._route(start, goal)
+        points = self._smooth(np.concatenate([start[None], points[1:-1], goal[None]]))
+        if len(points) > MAX_PATH_POINTS:
+            length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+            points = resample(points, length / (MAX_PATH_POINTS - 1) * (1 + 1e-9))
+        return points
+
+    def _route(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Return the centers of the cells of the cheapest route."""
+        span = self.comfort - self.min_clearance
+        share = ((self.comfort - self.clearance) / span).clip(0.0, 1.0)
+        costs = np.where(self.clearance >= self.min_clearance, 1.0 + self.weight * share**2, -1.0)
+        first, last = tuple(self.index(start)), tuple(self.index(goal))
+        search = MCP_Geometric(costs)
+        search.find_costs([first], [last])
+        return self.origin + (np.array(search.traceback(last)) + 0.5) * self.cell
+
+    def _smooth(self, points: np.ndarray) -> np.ndarray:
+        """Return the moving average of a polyline, as far as it keeps the clearance."""
+        dense = resample(points, self.cell)
+        for window in _SMOOTHING_M:
+            half = round(window / self.cell / 2)
+            if len(dense) <= 2 * half:
+                continue
+            # Point reflection at the ends keeps the ends fixed.
+            head, tail = 2 * dense[0] - dense[half:0:-1], 2 * dense[-1] - dense[-2 : -half - 2 : -1]
+            padded = np.concatenate([head, dense, tail])
+            kernel = np.full(2 * half + 1, 1.0 / (2 * half + 1))
+            rounded = np.stack([np.convolve(padded[:, k], kernel, "valid") for k in (0, 1)], axis=1)
+            kept = np.minimum(self.distance(dense), self.comfort).min()
+            if (self.distance(rounded) >= min(kept, self.min_clearance)).all():
+                return resample(rounded)
+        return resample(dense)
+
+
+def _to_box(points: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Return distances ``[*B]`` m from points ``[*B, 2]`` to an oriented box."""
+    dx, dy = points[..., 0] - box[0], points[..., 1] - box[1]
+    cos, sin = math.cos(box[4]), math.sin(box[4])
+    along = (np.abs(cos * dx + sin * dy) - box[2]).clip(min=0.0)
+    across = (np.abs(cos * dy - sin * dx) - box[3]).clip(min=0.0)
+    return np.sqrt(along * along + across * across)
+
+
+def _to_disc(points: np.ndarray, disc: np.ndarray) -> np.ndarray:
+    """Return distances ``[*B]`` m from points ``[*B, 2]`` to a disc."""
+    dx, dy = points[..., 0] - disc[0], points[..., 1] - disc[1]
+    return (np.sqrt(dx * dx + dy * dy) - disc[2]).clip(min=0.0)
