@@ -89,19 +89,21 @@ def test_numbers_have_a_unit_or_source(path):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_all_experiments_train(name, tmp_path):
+    on_policy = compose("train", [f"experiment={name}"]).replay._target_.endswith("Rollouts")
+    replay = ["replay.num_steps=4", "schedule.learning_starts=0"]
+    if not on_policy:
+        replay = ["replay.batch_size=4", "replay.capacity=200", "schedule.learning_starts=8"]
     overrides = [
         f"experiment={name}",
         "num_worlds=2",
         "num_threads=1",
         "pool_size=2",
         "scenario=corridor",
-        "replay.batch_size=4",
-        "replay.capacity=200",
+        *replay,
         "behavior.random_frames=4",
         "validation.num_episodes=2",
         "environment.time_limit_steps=6",
         "schedule.total_frames=40",
-        "schedule.learning_starts=8",
         "schedule.frames_per_update=8",
         "schedule.evaluate_every_updates=2",
         "schedule.log_every_updates=2",

@@ -53,7 +53,8 @@ class Recovery(ActionMap):
         >>> seen = torch.full((1, 1, 2), 3.5), torch.tensor([[False]])
         >>> no_motion = torch.zeros(1, 1, 4), torch.zeros(1, 1, 2, dtype=torch.bool)
         >>> behind, stalled = torch.tensor([[[-0.3, 0.0]]]), torch.tensor([[1.0, 2.0]])
-        >>> command = recovery.command(torch.tensor([[0.0, 0.0]]), *seen, *no_motion, behind, stalled)
+        >>> still = torch.zeros(1, 2)
+        >>> command = recovery.command(still, *seen, *no_motion, behind, stalled)
         >>> command[0, 0].item(), command[0, 1].item() > 1.0
         (0.0, True)
 
