@@ -2,5 +2,17 @@
 
 from navrl.deploy.runner import PolicyRunner
 from navrl.deploy.safety import DriveState, SafetyLimits, ScanCheck
+from navrl.deploy.scan_adapter import AdaptedScan, adapt_scan, load_scanner
+from navrl.ops.scanner import BeamState, Scanner
 
-__all__ = ["DriveState", "PolicyRunner", "SafetyLimits", "ScanCheck"]
+__all__ = [
+    "AdaptedScan",
+    "BeamState",
+    "DriveState",
+    "PolicyRunner",
+    "SafetyLimits",
+    "ScanCheck",
+    "Scanner",
+    "adapt_scan",
+    "load_scanner",
+]

@@ -16,6 +16,7 @@ from navrl.transforms.normalize import Normalize
 from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
 from navrl.transforms.range_history import RangeHistory
+from navrl.transforms.scan_adapter import ScanAdapter
 from navrl.transforms.scan_history import ScanHistory
 from navrl.transforms.subgoal_action import SubgoalAction
 from navrl.transforms.tagd import TAGD
@@ -34,6 +35,7 @@ __all__ = [
     "Normalize",
     "ObservationMap",
     "RangeHistory",
+    "ScanAdapter",
     "ScanHistory",
     "SubgoalAction",
     "Waypoints",

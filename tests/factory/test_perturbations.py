@@ -164,7 +164,12 @@ def test_sweep_and_page_list_each_perturbation():
     sweep = yaml.safe_load((CONF_DIR / "sweep" / "robustness.yaml").read_text())
     swept = sweep["hydra"]["sweeper"]["params"]["perturbation"].split(",")
     assert sorted(swept) == sorted(set(NAMES) - {"none"})
-    page = (ROOT / "docs" / "robustness.md").read_text().partition("## Perturbations")[2].partition("\n## ")[0]
+    page = (
+        (ROOT / "docs" / "robustness.md")
+        .read_text()
+        .partition("## Perturbations")[2]
+        .partition("\n## ")[0]
+    )
     rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", page, re.M)
     assert sorted(re.findall(r"`(\w+)`", " ".join(rows))) == NAMES
 
