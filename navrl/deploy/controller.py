@@ -101,12 +101,7 @@ class Controller:
         compensate_motion: bool = True,
         **arguments: Any,
     ) -> Controller:
-        """Load a bundle; further arguments are those of :meth:`PolicyRunner.from_bundle`.
-
-        Raises:
-            BundleError: If the bundle is damaged or not allowed.
-            ValueError: If there is no such scanner.
-        """
+        """Load a bundle; further arguments are those of :meth:`PolicyRunner.from_bundle`."""
         runner = PolicyRunner.from_bundle(folder, **arguments)
         device = load_scanner(scanner) if isinstance(scanner, str) else scanner
         return cls(runner, device, limits, compensate_motion)
@@ -166,9 +161,6 @@ class Controller:
             stamp: Time of the measurement, s.
             pose: ``[3]`` (x, y, yaw), m and rad.
             velocity: ``[2]`` (v, w), m/s and rad/s.
-
-        Raises:
-            ValueError: If a value is invalid.
         """
         with self._storing():
             is_new = self._inputs.set_odometry(stamp, pose, velocity)

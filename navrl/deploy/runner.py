@@ -152,17 +152,14 @@ class PolicyRunner:
         self._has_new_path = True
 
     def reset_scans(self) -> None:
-        """Clear the scan history, e.g. after a gap between scans; the progress is retained."""
+        """Clear the scan history after a gap between scans; the progress is retained."""
         if self._past is not None and self._progress_keys and not self._has_new_path:
             self._progress = float(self._past.get(self._progress_keys[0]))
         self._past = None
 
     @property
     def observation(self) -> TensorDictBase | None:
-        """Keys of the last decision ``[1, ...]``; ``None`` before the first one or after a reset.
-
-        They include the outputs of the transforms, and the actor's attention if it has it.
-        """
+        """Keys of the last decision ``[1, ...]``, attention included; ``None`` after a reset."""
         return self._past
 
     @torch.no_grad()
@@ -246,17 +243,14 @@ class PolicyRunner:
         if self._has_new_path:
             path, pose = (sensed[key][0].numpy() for key in (keys.PATH, keys.POSE))
             start = start_progress(path, pose[:2])
-        now = None
         if past is None:
-            now = self._transform._reset(sensed.copy(), sensed.copy())
-            if start is None:
-                return now
-        if start is not None and self._progress_keys:
-            past = (now if past is None else past).copy()
+            past = self._transform._reset(sensed.copy(), sensed.copy())
+            if start is None or not self._progress_keys:
+                return past
+        if start is not None:
+            past = past.copy()
             for key in self._progress_keys:
                 past.set(key, torch.tensor([[start]]))
-        elif past is None:
-            return now
         now = self._transform._step(past, sensed)
         if keys.ACTION in past:
             now.set(keys.ACTION, past.get(keys.ACTION))  # controllers read their last action
