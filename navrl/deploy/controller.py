@@ -17,7 +17,7 @@ from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.control_status import Command, ControlStatus, observed
 from navrl.deploy.robot_inputs import RobotInputs, StampedScan
 from navrl.deploy.runner import PolicyRunner
-from navrl.deploy.safety import DriveState
+from navrl.deploy.safety import DriveState, SafetyLimits
 from navrl.deploy.scan_adapter import adapt_scan, load_scanner
 from navrl.ops.scanner import Scanner
 
@@ -99,10 +99,11 @@ class Controller:
         scanner: Scanner | str | None = None,
         limits: ControlLimits | None = None,
         compensate_motion: bool = True,
+        safety: SafetyLimits | None = None,
         **arguments: Any,
     ) -> Controller:
-        """Load a bundle; further arguments are those of :meth:`PolicyRunner.from_bundle`."""
-        runner = PolicyRunner.from_bundle(folder, **arguments)
+        """Load a bundle; ``safety`` and further arguments are those of the runner's."""
+        runner = PolicyRunner.from_bundle(folder, limits=safety, **arguments)
         device = load_scanner(scanner) if isinstance(scanner, str) else scanner
         return cls(runner, device, limits, compensate_motion)
 

@@ -101,7 +101,7 @@ def make_controller(parameters: dict[str, Any], mount: tuple[float, float, float
         scanner,
         limits,
         parameters["compensate_motion"],
-        limits=safety,
+        safety=safety,
         with_attention=has_attention(folder),
     )
     control.warm_up()

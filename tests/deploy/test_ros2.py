@@ -144,7 +144,8 @@ def robot():
 def drive(robot, **arguments):
     """Start a node and wait until it drives."""
     process = start(**arguments)
-    assert robot.run(240.0, lambda: bool(robot.commands)), process.poll()
+    robot.run(240.0, lambda: bool(robot.commands) or process.poll() is not None)
+    assert process.poll() is None, process.stderr.read()
     assert all(command[1:] == (0.0, 0.0) for command in robot.commands)  # no path
     robot.send_path()
     assert robot.run(10.0, lambda: robot.last[0] > 0.3)
