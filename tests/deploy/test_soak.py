@@ -28,7 +28,7 @@ def resident_mb():
 
 
 def soak(control, ticks):
-    """Drive around corridors; return the memory after a fifth and at the end, MB, and the states' counts."""
+    """Drive along corridors; return the memory at a fifth and at the end, MB, and the states."""
     random, memory, states = np.random.default_rng(0), [], {}
     pose, now = np.zeros(3), 0.0
     path = np.stack((np.linspace(0.0, 20.0, 401), np.zeros(401)), -1)
