@@ -53,6 +53,7 @@ class ControlLimits:
     frozen_motion: float = 0.1
 
     def __post_init__(self) -> None:
+        """Check the values."""
         finite = {"scan_timeout_s", "pose_timeout_s", "max_clock_skew_s", "frozen_motion"}
         for name, value in vars(self).items():
             if name in finite:

@@ -27,12 +27,12 @@ _CLOCK_RESET_S = 1.0  # a clock that goes back by more has restarted, as in a si
 
 
 class Controller:
-    """Drive a robot along paths: call ``on_...`` with each input and :meth:`tick` at a fixed rate.
+    """Control loop of a robot along paths, from stamped inputs to commands.
 
-    All times are in seconds of one clock, and each is given by the caller. A tick returns zero in
-    every state but ``DRIVE``. The policy decides once per time step of its training: of a faster
-    lidar, scans are skipped, and after a gap the scan history restarts. Between two decisions the
-    last command is repeated, within the limits of acceleration.
+    Call ``on_...`` with each input and :meth:`tick` at a fixed rate; all times are in seconds of the
+    caller's clock. A tick returns zero in every state but ``DRIVE``. The policy decides once per
+    time step of its training: of a faster lidar, scans are skipped, and after a gap the scan history
+    restarts. Between two decisions the last command is repeated, within the limits of acceleration.
 
     Every method may be called from any thread. The ``on_...`` methods and :meth:`emergency_stop`
     only store a value and do not wait for a decision; a tick waits for a tick of another thread.
@@ -73,6 +73,7 @@ class Controller:
         limits: ControlLimits | None = None,
         compensate_motion: bool = True,
     ) -> None:
+        """Check and store the arguments."""
         if runner.robot.command_size != 2:
             raise ValueError(
                 f"runner: must be of a base with commands (v, w), got {runner.robot.command_size}"
@@ -108,11 +109,7 @@ class Controller:
         return cls(runner, device, limits, compensate_motion)
 
     def warm_up(self, count: int = 3) -> None:
-        """Run the policy on an artificial scan, since the first calls of a process are slow.
-
-        Args:
-            count: Number of decisions.
-        """
+        """Make ``count`` decisions on an artificial scan, since the first ones are slow."""
         with self._tick_lock:
             ranges = np.full(self.runner.num_beams, 2.0)
             motion, lidar = np.zeros((2, 3)), self.runner.lidar
@@ -138,11 +135,11 @@ class Controller:
         Args:
             stamp: Time of the first beam, s.
             ranges: ``[M]`` m, any number of beams.
-            angle_min: Angle of beam 0, rad; as all further arguments, None for the scanner's.
-            angle_increment: Angle from one beam to the next, rad, negative for clockwise order.
-            range_min: Smallest distance, m.
-            range_max: Largest distance, m.
-            duration_s: Time from the first to the last beam, s.
+            angle_min: This and the angle increment as in :class:`Scanner`, None for the scanner's.
+            angle_increment: rad, negative for clockwise order.
+            range_min: This and the largest distance, m; they only narrow the scanner's.
+            range_max: m.
+            duration_s: Time from the first to the last beam, s; None for the scanner's.
 
         Raises:
             ValueError: If a value is invalid. The last scan is dropped too, so the robot stops.

@@ -28,10 +28,12 @@ class MotionBuffer:
     """
 
     def __init__(self, duration_s: float = 5.0) -> None:
+        """Store the duration."""
         self.duration_s = duration_s
         self._samples: deque[tuple[float, np.ndarray, tuple[float, float]]] = deque()
 
     def __len__(self) -> int:
+        """Return the number of poses."""
         return len(self._samples)
 
     @property
@@ -98,7 +100,7 @@ def relative_pose(target: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def composed_pose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the pose ``second``, given in the frame of ``first``, in the frame of ``first``'s own.
+    """Return the pose ``second``, given in the frame of the pose ``first``, in the outer frame.
 
     Example:
         >>> composed_pose(np.array([1.0, 0.0, 0.0]), np.array([2.0, 1.0, 0.5])).tolist()

@@ -50,6 +50,7 @@ class RobotInputs:
     """
 
     def __init__(self, scanner: Scanner) -> None:
+        """Start without inputs."""
         self.scanner = scanner
         self.odometry, self.commanded = MotionBuffer(), MotionBuffer()
         self.scan: StampedScan | None = None

@@ -10,10 +10,10 @@ import math
 import sys
 import threading
 import time
-from typing import Any
 
 from navrl.deploy.ros_bridge import (
     PARAMETERS,
+    Message,
     RosBridge,
     diagnostic_values,
     make_controller,
@@ -32,7 +32,8 @@ class PolicyNode:
         rospy: The module, after ``init_node``.
     """
 
-    def __init__(self, rospy: Any) -> None:
+    def __init__(self, rospy: Message) -> None:
+        """Read the parameters and create the topics."""
         from diagnostic_msgs.msg import DiagnosticArray
         from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
         from nav_msgs.msg import Odometry, Path
@@ -66,7 +67,7 @@ class PolicyNode:
             kind = PoseWithCovarianceStamped
             listen(topic("pose_topic"), kind, bridge.on_pose, queue_size=1)
 
-    def _on_odometry(self, message: Any) -> None:
+    def _on_odometry(self, message: Message) -> None:
         self.bridge.on_odometry(message)
         if self.values["pose_source"] == "odometry":
             self.bridge.on_pose(message)

@@ -15,6 +15,7 @@ from typing import Any
 from navrl.deploy.controller import Controller
 from navrl.deploy.ros_bridge import (
     PARAMETERS,
+    Message,
     RosBridge,
     diagnostic_values,
     make_controller,
@@ -27,13 +28,14 @@ _STOP_PAUSE_S = 0.02
 
 
 class PolicyNode:
-    """Subscriptions, timer and publishers around a controller; made of a node, not derived from it.
+    """Subscriptions, timer and publishers of a node around a controller.
 
     Args:
         node: ``rclpy.node.Node``.
     """
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: Message) -> None:
+        """Declare the parameters and create the topics."""
         from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
         from nav_msgs.msg import Odometry, Path
         from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -86,7 +88,7 @@ class PolicyNode:
     def _needs_tf(self) -> bool:
         return self.values["pose_source"] == "tf" or any(map(math.isnan, self.values["mount"]))
 
-    def _transform_buffer(self) -> Any:
+    def _transform_buffer(self) -> Message:
         try:
             from tf2_ros import Buffer, TransformListener
         except ImportError as error:
@@ -112,7 +114,7 @@ class PolicyNode:
 
     # --- inputs ----------------------------------------------------------------------------------
 
-    def _on_scan(self, message: Any) -> None:
+    def _on_scan(self, message: Message) -> None:
         if self.bridge is None:
             pose = self._lookup(self.values["robot_base_frame"], message.header.frame_id)
             if pose is None:
@@ -121,22 +123,22 @@ class PolicyNode:
         assert self.bridge is not None
         self.bridge.on_scan(message)
 
-    def _on_odometry(self, message: Any) -> None:
+    def _on_odometry(self, message: Message) -> None:
         if self.bridge is not None:
             self.bridge.on_odometry(message)
             if self.values["pose_source"] == "odometry":
                 self.bridge.on_pose(message)
 
-    def _on_pose(self, message: Any) -> None:
+    def _on_pose(self, message: Message) -> None:
         if self.bridge is not None:
             self.bridge.on_pose(message)
 
-    def _on_path(self, message: Any) -> None:
+    def _on_path(self, message: Message) -> None:
         self._path = message
         if self.bridge is not None:
             self.bridge.on_path(message)
 
-    def _on_emergency_stop(self, message: Any) -> None:
+    def _on_emergency_stop(self, message: Message) -> None:
         self._is_stopped = bool(message.data)
         if self.bridge is not None:
             self.bridge.on_emergency_stop(message)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from navrl.deploy.controller import Controller
 from navrl.deploy.safety import DriveState, SafetyLimits
 from navrl.deploy.scan_adapter import load_scanner
 from navrl.policies.names import bundle_folder
+
+Message: TypeAlias = Any
+"""A message of ROS 1 or ROS 2, or a field of one."""
 
 PARAMETERS: dict[str, Any] = {
     "policy": "navrl-best",
@@ -122,9 +126,10 @@ class RosBridge:
     def __init__(
         self, control: Controller, global_frame: str, warn: Callable[[str], object]
     ) -> None:
+        """Store the arguments."""
         self.control, self.global_frame, self.warn = control, global_frame, warn
 
-    def on_scan(self, message: Any) -> None:
+    def on_scan(self, message: Message) -> None:
         """Read a sensor_msgs/LaserScan."""
         count = len(message.ranges)
         duration = message.time_increment * (count - 1)
@@ -140,7 +145,7 @@ class RosBridge:
             duration if duration > 0.0 else None,
         )
 
-    def on_odometry(self, message: Any) -> None:
+    def on_odometry(self, message: Message) -> None:
         """Read a nav_msgs/Odometry."""
         twist = message.twist.twist
         velocity = (twist.linear.x, twist.angular.z)
@@ -148,12 +153,12 @@ class RosBridge:
         stamp = seconds(message.header.stamp)
         self._give("odometry", self.control.on_odometry, stamp, pose, velocity)
 
-    def on_pose(self, message: Any) -> None:
+    def on_pose(self, message: Message) -> None:
         """Read a geometry_msgs/PoseWithCovarianceStamped or a nav_msgs/Odometry as the pose."""
         pose = planar_pose(message.pose.pose)
         self._give("pose", self.control.on_pose, seconds(message.header.stamp), pose)
 
-    def on_path(self, message: Any) -> None:
+    def on_path(self, message: Message) -> None:
         """Read a nav_msgs/Path; an empty one cancels the drive."""
         frame = message.header.frame_id
         if frame != self.global_frame:
@@ -163,7 +168,7 @@ class RosBridge:
         points = [(each.pose.position.x, each.pose.position.y) for each in message.poses]
         self._give("path", self.control.on_path, points or None)
 
-    def on_emergency_stop(self, message: Any) -> None:
+    def on_emergency_stop(self, message: Message) -> None:
         """Read a std_msgs/Bool: true stops, false releases."""
         if message.data:
             self.control.emergency_stop()
@@ -177,7 +182,7 @@ class RosBridge:
             self.warn(f"{name}: {error}")
 
 
-def has_attention(folder: Any) -> bool:
+def has_attention(folder: Path) -> bool:
     """Return whether the actor of a bundle can write attention weights."""
     from navrl.policies import load_bundle
 
@@ -188,17 +193,17 @@ def has_attention(folder: Any) -> bool:
     return True
 
 
-def seconds(stamp: Any) -> float:
+def seconds(stamp: Message) -> float:
     """Return a time of ROS 1 or ROS 2 in seconds."""
     return stamp.to_sec() if hasattr(stamp, "to_sec") else stamp.sec + 1e-9 * stamp.nanosec
 
 
-def planar_pose(pose: Any) -> tuple[float, float, float]:
+def planar_pose(pose: Message) -> tuple[float, float, float]:
     """Return a geometry_msgs/Pose as (x, y, yaw), m and rad; NaN for an invalid orientation."""
     return (pose.position.x, pose.position.y, planar_yaw(pose.orientation))
 
 
-def planar_yaw(q: Any) -> float:
+def planar_yaw(q: Message) -> float:
     """Return the yaw of a quaternion, rad; NaN for one that is not of unit length."""
     length = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(length - 1.0) < 0.01:

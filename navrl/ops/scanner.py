@@ -107,6 +107,7 @@ class Scanner:
     num_beams: int | None = None
 
     def __post_init__(self) -> None:
+        """Check the values."""
         check_counts(num_beams=self.num_beams)
         check_positive(max_beam_width=self.max_beam_width)
         if not math.isfinite(self.angle_min):

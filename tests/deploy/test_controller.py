@@ -357,7 +357,7 @@ def test_limits_must_be_positive(name, value):
 # --- the status, threads and the start -----------------------------------------------------------
 
 
-def test_status_reports_what_the_policy_reads(paper):
+def test_status_reports_the_inputs_of_the_policy(paper):
     control = Controller(paper.runner, load_scanner("rplidar_a1"))
     control.runner.reset()
     control.on_path(PATH)

@@ -95,7 +95,7 @@ def test_messages_drive_the_robot(bridge):
         (lambda b: b.on_pose(odometry(100.0, math.nan)), "pose: pose=", DriveState.STALE_POSE),
     ],
 )
-def test_refused_message_warns_and_stops(bridge, give, message, state):
+def test_invalid_message_warns_and_stops(bridge, give, message, state):
     give(bridge)
     assert bridge.control.tick(100.0) == (0.0, 0.0, state)
     assert len(bridge.warnings) == 1 and bridge.warnings[0].startswith(message)
