@@ -29,9 +29,9 @@ _CLOCK_RESET_S = 1.0  # a clock that goes back by more has restarted, as in a si
 class Controller:
     """Control loop of a robot along paths, from stamped inputs to commands.
 
-    Call ``on_...`` with each input and :meth:`tick` at a fixed rate; all times are in seconds of the
+    Call ``on_...`` with each input and :meth:`tick` at a fixed rate; times are seconds of the
     caller's clock. A tick returns zero in every state but ``DRIVE``. The policy decides once per
-    time step of its training: of a faster lidar, scans are skipped, and after a gap the scan history
+    time step of its training: of a faster lidar, scans are skipped, and after a gap the history
     restarts. Between two decisions the last command is repeated, within the limits of acceleration.
 
     Every method may be called from any thread. The ``on_...`` methods and :meth:`emergency_stop`
@@ -137,7 +137,7 @@ class Controller:
             ranges: ``[M]`` m, any number of beams.
             angle_min: This and the angle increment as in :class:`Scanner`, None for the scanner's.
             angle_increment: rad, negative for clockwise order.
-            range_min: This and the largest distance, m; they only narrow the scanner's.
+            range_min: Smallest distance, m; as ``range_max`` it only narrows the scanner's.
             range_max: m.
             duration_s: Time from the first to the last beam, s; None for the scanner's.
 
@@ -166,8 +166,6 @@ class Controller:
 
     def on_pose(self, stamp: float, pose: ArrayLike) -> None:
         """Store the robot's pose in the frame of the path.
-
-        Its arguments are those of :meth:`on_odometry`.
 
         Raises:
             ValueError: If a value is invalid. The last pose is dropped too, so the robot stops.
