@@ -1,9 +1,9 @@
-"""What a controller reports after each tick."""
+"""Command and status of a controller after a tick."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tensordict import TensorDictBase
@@ -92,11 +92,11 @@ class ControlStatus:
         return self.command.state
 
 
-def observed(observation: TensorDictBase | None) -> dict[str, object]:
+def observed(observation: TensorDictBase | None) -> dict[str, Any]:
     """Return the arguments of :class:`ControlStatus` that an observation ``[1, ...]`` holds."""
     if observation is None:
         return {}
-    values: dict[str, object] = {
+    values: dict[str, Any] = {
         name: observation[key][0].numpy() for name, key in _ARRAYS.items() if key in observation
     }
     for name, key in (

@@ -83,10 +83,21 @@ class MotionBuffer:
         start, pose, velocity = before
         if after is None:
             ahead = min(stamp - start, _MAX_AHEAD_S)
-            return np.array(advance_pose(*map(float, pose), *velocity, ahead))
+            return driven_pose(pose, velocity, ahead)
         share = torch.tensor([(stamp - start) / (after[0] - start)], dtype=torch.float64)
-        ends = (torch.from_numpy(value) for value in (pose, after[1]))
-        return se2.interpolate(*ends, share)[0].numpy()
+        end = torch.from_numpy(after[1])
+        return se2.interpolate(torch.from_numpy(pose), end, share)[0].numpy()
+
+
+def driven_pose(pose: np.ndarray, velocity: tuple[float, float], duration: float) -> np.ndarray:
+    """Return the pose ``[3]`` after driving at (v, w) for a time, m/s, rad/s and s.
+
+    Example:
+        >>> driven_pose(np.zeros(3), (0.5, 0.0), 2.0).tolist()
+        [1.0, 0.0, 0.0]
+    """
+    x, y, yaw = pose.tolist()
+    return np.array(advance_pose(x, y, yaw, *velocity, duration))
 
 
 def relative_pose(target: np.ndarray, source: np.ndarray) -> np.ndarray:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from navrl.deploy.control_limits import ControlLimits
-from navrl.deploy.motion_buffer import MotionBuffer, composed_pose, relative_pose
+from navrl.deploy.motion_buffer import MotionBuffer, composed_pose, driven_pose, relative_pose
 from navrl.deploy.paths import simplified_path
 from navrl.deploy.safety import DriveState, checked_pose
 from navrl.ops.scanner import Scanner
-from navrl.ops.unicycle import advance_pose
 
 _MIN_EQUAL = 3  # scans; two equal ones may be one message that was received twice
 
@@ -140,7 +139,7 @@ class RobotInputs:
         """Integrate a command (v, w) that was held for ``duration`` until ``now``, s."""
         moved = self.commanded
         pose = moved.pose_at(moved.stamp) if len(moved) else np.zeros(3)
-        moved.add(now, advance_pose(*map(float, pose), *command, duration), command)
+        moved.add(now, driven_pose(pose, command, duration), command)
 
     def state(self, now: float, limits: ControlLimits) -> tuple[DriveState, str]:
         """Return the state that follows from the inputs and their ages, and its reason.

@@ -31,7 +31,9 @@ def attention_spheres(status: ControlStatus) -> list[Shape]:
     """Return the returns of the scan, and a sphere in each sector by its spatial attention."""
     if status.points is None or status.returns is None:
         return []
-    shapes = [Shape("scan", POINTS, status.points[status.returns], (0.03,) * 3, (*_GRAY, 1.0))]
+    shapes = [
+        Shape("scan", POINTS, status.points[status.returns], (0.03, 0.03, 0.03), (*_GRAY, 1.0))
+    ]
     weights = status.spatial_attention
     if weights is None or len(status.points) % len(weights):
         return shapes
@@ -40,7 +42,7 @@ def attention_spheres(status: ControlStatus) -> list[Shape]:
     for weight, place in zip(weights, groups[np.arange(len(weights)), nearest], strict=True):
         share = float(min(1.0, weight * len(weights) / 3.0))  # three times the mean is full
         color = (*_ORANGE, max(0.05, share))
-        shapes.append(Shape("attention", SPHERE_LIST, place[None], (0.15,) * 3, color))
+        shapes.append(Shape("attention", SPHERE_LIST, place[None], (0.15, 0.15, 0.15), color))
     return shapes
 
 

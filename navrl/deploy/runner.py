@@ -241,8 +241,8 @@ class PolicyRunner:
         """Map the sensed values; a new path, and a drive after a gap, start at their progress."""
         past, start = self._past, self._progress
         if self._has_new_path:
-            path, pose = (sensed[key][0].numpy() for key in (keys.PATH, keys.POSE))
-            start = start_progress(path, pose[:2])
+            path, pose = sensed.get(keys.PATH)[0], sensed.get(keys.POSE)[0]
+            start = start_progress(path.numpy(), pose[:2].numpy())
         if past is None:
             past = self._transform._reset(sensed.copy(), sensed.copy())
             if start is None or not self._progress_keys:

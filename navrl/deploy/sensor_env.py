@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import Compose, EnvBase, Transform
@@ -30,7 +30,7 @@ def read_keys(transforms: Transform) -> set[str]:
     }
 
 
-def progress_keys(transforms: Transform) -> list[str]:
+def progress_keys(transforms: Transform) -> list[NestedKey]:
     """Return the keys of the progress along the path that a pipeline passes from step to step."""
     if isinstance(transforms, Waypoints):
         return [transforms.out_keys[1]]
