@@ -1,6 +1,25 @@
 """Deployment of trained policies on a robot, without a simulator."""
 
+from navrl.deploy.control_limits import ControlLimits
+from navrl.deploy.control_status import Command, ControlStatus
+from navrl.deploy.controller import Controller
 from navrl.deploy.runner import PolicyRunner
 from navrl.deploy.safety import DriveState, SafetyLimits, ScanCheck
+from navrl.deploy.scan_adapter import AdaptedScan, adapt_scan, load_scanner
+from navrl.ops.scanner import BeamState, Scanner
 
-__all__ = ["DriveState", "PolicyRunner", "SafetyLimits", "ScanCheck"]
+__all__ = [
+    "AdaptedScan",
+    "BeamState",
+    "Command",
+    "ControlLimits",
+    "ControlStatus",
+    "Controller",
+    "DriveState",
+    "PolicyRunner",
+    "SafetyLimits",
+    "ScanCheck",
+    "Scanner",
+    "adapt_scan",
+    "load_scanner",
+]

@@ -16,15 +16,16 @@ from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl import keys
 from navrl.checks import check_positive
+from navrl.deploy.paths import checked_path, start_progress
 from navrl.deploy.safety import (
     DriveState,
     SafetyLimits,
     ScanCheck,
-    check_yaw,
+    checked_pose,
     path_state,
     safe_command,
 )
-from navrl.deploy.sensor_env import SensorEnv, read_keys
+from navrl.deploy.sensor_env import SensorEnv, checked_rows, progress_keys, read_keys
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
 from navrl.sim import Delays, Lidar, RobotModel
@@ -32,6 +33,7 @@ from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
+_ATTENTION = (keys.SPATIAL_ATTENTION, keys.TEMPORAL_ATTENTION)
 _OF_VELOCITY = {keys.VELOCITY, keys.VELOCITY_AHEAD, keys.MOTION_AHEAD}
 
 
@@ -85,6 +87,7 @@ class PolicyRunner:
     ) -> None:
         check_positive(time_step_s=time_step_s)
         check_lidar(transforms, lidar)
+        self.lidar, self.robot = lidar, robot
         self.num_beams, self.max_range = lidar.num_beams, lidar.max_range
         self._has_blind_beams = not lidar.coverage.is_full
         self.limits = SafetyLimits() if limits is None else limits
@@ -99,6 +102,9 @@ class PolicyRunner:
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
+        self._progress_keys = progress_keys(transforms)
+        self._progress: float | None = None  # m, at which the next observation starts
+        self._has_new_path = False
         self.time_step_s = float(time_step_s)
         steps = math.ceil(max(self._base.command_delays_s) / self.time_step_s)
         self._given = torch.zeros(1, max(1, steps), robot.command_size)  # latest first
@@ -111,6 +117,7 @@ class PolicyRunner:
         allow: Sequence[str] = (),
         limits: SafetyLimits | None = None,
         delays: Delays | None = None,
+        with_attention: bool = False,
     ) -> PolicyRunner:
         """Load a bundle: one of the zoo, or the folder ``policy`` of a training run.
 
@@ -119,18 +126,41 @@ class PolicyRunner:
             allow: See :func:`navrl.policies.load_bundle`.
             limits: See :class:`PolicyRunner`.
             delays: See :class:`PolicyRunner`.
+            with_attention: Whether :attr:`observation` has the attention weights.
 
         Raises:
             BundleError: If the bundle is damaged or not allowed.
         """
         bundle = load_bundle(folder, allow)
         transforms, lidar, robot = map(bundle.build, ("transforms", "lidar", "robot"))
-        return cls(transforms, bundle.actor, lidar, robot, limits, delays)
+        actor = bundle.actor_with_attention() if with_attention else bundle.actor
+        return cls(
+            transforms, actor, lidar, robot, limits, delays, bundle.config.get("time_step_s", 0.2)
+        )
 
     def reset(self) -> None:
         """Clear the scan history: the next scan is the first of a new drive."""
-        self._past = None
+        self._past = self._progress = None
+        self._has_new_path = False
         self._given = torch.zeros_like(self._given)
+
+    def new_path(self) -> None:
+        """Start another path with the next scan; the scan history is retained.
+
+        Where the path passes the robot more than once, the robot starts on the first branch.
+        """
+        self._has_new_path = True
+
+    def reset_scans(self) -> None:
+        """Clear the scan history after a gap between scans; the progress is retained."""
+        if self._past is not None and self._progress_keys and not self._has_new_path:
+            self._progress = float(self._past.get(self._progress_keys[0]))
+        self._past = None
+
+    @property
+    def observation(self) -> TensorDictBase | None:
+        """Keys of the last decision ``[1, ...]``, attention included; ``None`` after a reset."""
+        return self._past
 
     @torch.no_grad()
     def act(
@@ -154,7 +184,7 @@ class PolicyRunner:
                 lidar may read anything.
             pose: ``[3]`` (x, y, yaw) m and rad, in the frame of ``path``.
             path: ``[P, 2]`` m, from about the robot to the goal, at most 200 points. Call
-                :meth:`reset` when it changes, since progress along it is stored.
+                :meth:`new_path` when it changes, since progress along it is stored.
             velocity: ``[C]`` the robot's velocity now, e.g. (v, w) of its odometry, m/s and rad/s;
                 required by policies that read it.
             scan_motion: ``[2, 3]`` (x, y, yaw) m and rad of the robot at the times of the scan's
@@ -196,18 +226,35 @@ class PolicyRunner:
         """Return the policy's command and the state; update the history if both are usable."""
         if state in (DriveState.BLIND, DriveState.OFF_PATH):
             return None, state
-        if self._past is None:
-            now = self._transform._reset(sensed, sensed)
-        else:
-            now = self._transform._step(self._past, sensed)
-            now.set(keys.ACTION, self._past.get(keys.ACTION))  # controllers read their last action
-        action = self._act(now)
+        now = self._observe(sensed)
+        answer = self._act(now)
+        action = answer.pop(keys.ACTION)
         command = self._transform.inv(now.copy().set(keys.ACTION, action)).get(keys.ACTION)
         command = safe_command(command[0].numpy(), self._robot)
         if command is None:
             return None, DriveState.BAD_COMMAND
-        self._past = now.set(keys.ACTION, action)
+        self._past = now.set(keys.ACTION, action).update(answer)
+        self._progress, self._has_new_path = None, False
         return command, state
+
+    def _observe(self, sensed: TensorDictBase) -> TensorDictBase:
+        """Map the sensed values; a new path, and a drive after a gap, start at their progress."""
+        past, start = self._past, self._progress
+        if self._has_new_path:
+            path, pose = sensed.get(keys.PATH)[0], sensed.get(keys.POSE)[0]
+            start = start_progress(path.numpy(), pose[:2].numpy())
+        if past is None:
+            past = self._transform._reset(sensed.copy(), sensed.copy())
+            if start is None or not self._progress_keys:
+                return past
+        if start is not None:
+            past = past.copy()
+            for key in self._progress_keys:
+                past.set(key, torch.tensor([[start]]))
+        now = self._transform._step(past, sensed)
+        if keys.ACTION in past:
+            now.set(keys.ACTION, past.get(keys.ACTION))  # controllers read their last action
+        return now
 
     def _sensed_state(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> DriveState:
         """Return the state that follows from scan, pose and path."""
@@ -218,12 +265,14 @@ class PolicyRunner:
         place = path_state(pose, path, self.limits)
         return seen if place is DriveState.DRIVE else place
 
-    def _act(self, now: TensorDictBase) -> Tensor:
+    def _act(self, now: TensorDictBase) -> dict[str, Tensor]:
+        """Return the action, and the attention of an actor that writes it."""
         actor = self._actor
         if type(actor) is TensorDictModule and actor.out_keys == [keys.ACTION]:
             # Call the network directly: a TensorDictModule checks for packages at every call.
-            return actor.module(*(now.get(key) for key in actor.in_keys))
-        return actor(now.copy())[keys.ACTION]
+            return {keys.ACTION: actor.module(*(now.get(key) for key in actor.in_keys))}
+        written = actor(now.copy())
+        return {key: written[key] for key in (keys.ACTION, *_ATTENTION) if key in written}
 
     def _checked_motion(
         self,
@@ -234,17 +283,13 @@ class PolicyRunner:
         if velocity is None and self._needs_velocity:
             raise ValueError("velocity=None: must be the robot's velocity, this policy reads it")
         size = self._robot.command_size
-        given = {
-            keys.VELOCITY: (velocity, (size,)),
-            keys.COMMAND: (self._given[0, 0].numpy() if command is None else command, (size,)),
-            keys.SCAN_MOTION: (scan_motion, (2, 3)),
-        }
-        values = {}
-        for name, (value, shape) in given.items():
-            row = np.zeros(shape, np.float32) if value is None else np.asarray(value, np.float32)
-            if row.shape != shape or not np.isfinite(row).all():
-                raise ValueError(f"{name}: must be {list(shape)} finite numbers, got {value}")
-            values[name] = torch.from_numpy(row.copy()).unsqueeze(0)
+        values = checked_rows(
+            {
+                keys.VELOCITY: (velocity, (size,)),
+                keys.COMMAND: (self._given[0, 0].numpy() if command is None else command, (size,)),
+                keys.SCAN_MOTION: (scan_motion, (2, 3)),
+            }
+        )
         self._given[:, 0] = values[keys.COMMAND]
         ahead = self._base.ahead(values[keys.VELOCITY], self._given, self.time_step_s)
         values[keys.MOTION_AHEAD], values[keys.VELOCITY_AHEAD] = ahead
@@ -253,18 +298,12 @@ class PolicyRunner:
     def _checked(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> TensorDictBase:
         ranges = _single(ranges)
         # The transforms subtract pose and path in float64: float32 resolves large maps to 0.5 m.
-        pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
         if ranges.shape != (self.num_beams,):
-            raise ValueError(f"ranges.shape={list(ranges.shape)}: must be [{self.num_beams}]")
-        if pose.shape != (3,) or not np.isfinite(pose).all():
-            raise ValueError(f"pose={pose.tolist()}: must be 3 finite numbers (x, y, yaw)")
-        check_yaw(pose[2])
-        if path.ndim != 2 or path.shape[1] != 2 or not 1 <= len(path) <= MAX_PATH_POINTS:
             raise ValueError(
-                f"path.shape={list(path.shape)}: must be [P, 2] with P from 1 to {MAX_PATH_POINTS}"
+                f"ranges.shape={list(ranges.shape)}: must be [{self.num_beams}]; "
+                "navrl.deploy.adapt_scan reads the scans of other lidars"
             )
-        if not np.isfinite(path).all():
-            raise ValueError("path: must be finite in all points")
+        pose, path = checked_pose(pose), checked_path(path, MAX_PATH_POINTS)
         whole = np.concatenate([path, np.repeat(path[-1:], MAX_PATH_POINTS - len(path), axis=0)])
         measured = self._scan_check.usable(ranges)
         ranges = self._scan_check.cleaned(ranges)

@@ -12,6 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from navrl.ops.beams import RETURN_MARGIN_M
 from navrl.ops.path import project_onto_path
@@ -21,14 +22,21 @@ _MAX_YAW = 2.0 * math.pi  # rad; an angle in degrees exceeds it within a few deg
 
 
 class DriveState(StrEnum):
-    """State of the runner after a scan; in every state but ``DRIVE`` the command is zero.
+    """State of a runner or controller; in every state but ``DRIVE`` the command is zero.
 
     - ``DRIVE``: the policy's command, within the robot's limits.
     - ``AT_GOAL``: the robot is within the goal radius of the path's last point.
     - ``OFF_PATH``: the robot is farther from its path than the policy was trained for.
     - ``BLOCKED``: an obstacle ahead is closer than the lidar's minimum range.
     - ``BLIND``: the scan does not cover the sector ahead, or no beam shows that the lidar works.
-    - ``BAD_COMMAND``: the policy's command is not finite.
+    - ``BAD_COMMAND``: the policy's command is not finite, or its computation failed.
+
+    Only of :class:`navrl.deploy.Controller`:
+
+    - ``EMERGENCY_STOP``: the emergency stop was requested and not released.
+    - ``NO_PATH``: there is no path.
+    - ``STALE_SCAN``: there is no scan, or its stamp is too old or in the future.
+    - ``STALE_POSE``: there is no pose, or its stamp is too old or in the future.
     """
 
     DRIVE = "drive"
@@ -37,6 +45,10 @@ class DriveState(StrEnum):
     BLOCKED = "blocked"
     BLIND = "blind"
     BAD_COMMAND = "bad_command"
+    EMERGENCY_STOP = "emergency_stop"
+    NO_PATH = "no_path"
+    STALE_SCAN = "stale_scan"
+    STALE_POSE = "stale_pose"
 
 
 @dataclass(frozen=True)
@@ -186,14 +198,19 @@ def path_state(pose: np.ndarray, path: np.ndarray, limits: SafetyLimits) -> Driv
     return DriveState.DRIVE if distance <= limits.max_path_distance else DriveState.OFF_PATH
 
 
-def check_yaw(yaw: float) -> None:
-    """Reject a yaw that is not in radians.
+def checked_pose(pose: ArrayLike) -> np.ndarray:
+    """Return a pose as ``[3]`` float64 (x, y, yaw), m and rad.
 
     Raises:
-        ValueError: If it is beyond a full circle to either side.
+        ValueError: If it is not three finite numbers, or if the yaw is beyond a full circle to
+            either side, as one in degrees is.
     """
-    if not abs(yaw) <= _MAX_YAW:
-        raise ValueError(f"pose: yaw={yaw:g}: must be in rad, wrapped to [-2 pi, 2 pi]")
+    values = np.asarray(pose, dtype=np.float64)
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError(f"pose={values.tolist()}: must be 3 finite numbers (x, y, yaw)")
+    if not abs(values[2]) <= _MAX_YAW:
+        raise ValueError(f"pose: yaw={values[2]:g}: must be in rad, wrapped to [-2 pi, 2 pi]")
+    return values
 
 
 def safe_command(command: np.ndarray, robot: RobotModel) -> np.ndarray | None:

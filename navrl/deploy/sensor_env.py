@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import cast
 
+import numpy as np
 import torch
-from tensordict import TensorDictBase
+from numpy.typing import ArrayLike
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import Compose, EnvBase, Transform
 
 from navrl import keys
 from navrl.sim import Lidar, RobotModel
-from navrl.transforms import Base
+from navrl.transforms import Base, Waypoints
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
 
@@ -24,6 +28,31 @@ def read_keys(transforms: Transform) -> set[str]:
         for key in (*(step.in_keys or ()), *getattr(step, "scan_keys", ()))
         if isinstance(key, str)
     }
+
+
+def progress_keys(transforms: Transform) -> list[NestedKey]:
+    """Return the keys of the progress along the path that a pipeline passes from step to step."""
+    if isinstance(transforms, Waypoints):
+        return [transforms.out_keys[1]]
+    steps = transforms if isinstance(transforms, Compose) else []
+    return [key for step in steps for key in progress_keys(step)]
+
+
+def checked_rows(
+    given: Mapping[str, tuple[ArrayLike | None, tuple[int, ...]]],
+) -> dict[str, Tensor]:
+    """Return float32 tensors ``[1, *shape]`` of values and their shapes; zeros for ``None``.
+
+    Raises:
+        ValueError: If a value has another shape or is not finite; the message names it.
+    """
+    values = {}
+    for name, (value, shape) in given.items():
+        row = np.zeros(shape, np.float32) if value is None else np.asarray(value, np.float32)
+        if row.shape != shape or not np.isfinite(row).all():
+            raise ValueError(f"{name}: must be {list(shape)} finite numbers, got {value}")
+        values[name] = torch.from_numpy(row.copy()).unsqueeze(0)
+    return values
 
 
 class SensorEnv(EnvBase):

@@ -164,7 +164,7 @@ def rebin_scan(
     ray = _nearest_ray(order, bearing_bins(points, group_size))
     bearing = bin_bearings(points.shape[-2], group_size, points.dtype, points.device)
     center = torch.stack((bearing.cos(), bearing.sin()), dim=-1)
-    left, right = _neighbors(ray)
+    left, right = nearest_filled(ray)
     reach = torch.minimum(order.gather(-1, left), order.gather(-1, right))
     is_gap = ray < 0
     if is_exporting() or bool(is_gap.any()):
@@ -189,8 +189,20 @@ def _nearest_ray(order: Tensor, index: Tensor) -> Tensor:
     return torch.full_like(index, -1).scatter_reduce(-1, index, ray, "amax")
 
 
-def _neighbors(ray: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the rays of the nearest filled bins to either side; a filled bin's own for both."""
+def nearest_filled(ray: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the rays of the nearest filled bins to either side; a filled bin's own for both.
+
+    Args:
+        ray: ``[*B, N]`` int64, ray of each bin of the full circle, negative for an empty bin.
+
+    Returns:
+        The rays to the right and to the left, ``[*B, N]`` each.
+
+    Example:
+        >>> right, left = nearest_filled(torch.tensor([5, -1, 7, -1]))
+        >>> right, left
+        (tensor([5, 5, 7, 7]), tensor([5, 7, 7, 5]))
+    """
     num_bins = ray.shape[-1]
     row = torch.arange(3 * num_bins, device=ray.device)
     filled = torch.cat([ray, ray, ray], dim=-1) >= 0  # the bins close around the robot

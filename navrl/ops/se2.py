@@ -136,3 +136,23 @@ def relative(T_world_target: Tensor, T_world_source: Tensor) -> Tensor:
         tensor([2.0000, 1.0000, 0.5000])
     """
     return compose(inverse(T_world_target), T_world_source)
+
+
+def interpolate(T_a_b: Tensor, T_a_c: Tensor, fraction: Tensor) -> Tensor:
+    """Interpolate linearly between two frames, along the shorter turn.
+
+    Args:
+        T_a_b: ``[*B, 3]`` (m, m, rad), frame at fraction 0.
+        T_a_c: ``[*B, 3]``, frame at fraction 1.
+        fraction: ``[N]``.
+
+    Returns:
+        ``[*B, N, 3]``; the yaw is not wrapped.
+
+    Example:
+        >>> interpolate(torch.zeros(3), torch.tensor([1.0, 0.0, 0.2]), torch.tensor([0.5]))
+        tensor([[0.5000, 0.0000, 0.1000]])
+    """
+    turned = wrap_angle(T_a_c[..., 2:] - T_a_b[..., 2:])
+    step = torch.cat([T_a_c[..., :2] - T_a_b[..., :2], turned], dim=-1)
+    return T_a_b.unsqueeze(-2) + fraction.unsqueeze(-1) * step.unsqueeze(-2)

@@ -123,10 +123,8 @@ class MotionCompensation(ObservationMap):
     ) -> Sequence[Tensor]:
         """Move each point by the frame of its beam and order the result by bearing."""
         first, last = self.frames(motion)
-        fraction = self.sweep(points.shape[-2]).to(points.device).unsqueeze(-1)
-        turned = se2.wrap_angle(last[..., 2:] - first[..., 2:])
-        step = torch.cat([last[..., :2] - first[..., :2], turned], dim=-1)
-        frame = (first.unsqueeze(-2) + fraction * step.unsqueeze(-2)).to(points.dtype)
+        fraction = self.sweep(points.shape[-2]).to(points.device)
+        frame = se2.interpolate(first, last, fraction).to(points.dtype)
         moved = se2.rotate(points, frame[..., 2]) + frame[..., :2]
         scan = rebin_scan(moved, returns, self.group_size, self.max_range, seen)
         outputs = (scan.points, scan.returns, scan.ranges, scan.seen)

@@ -324,10 +324,13 @@ def test_invalid_limits_are_named(values):
 PAGE = pages.ROOT / "docs" / "robots.md"
 
 
-def test_documented_example_drives(capsys):
-    (example,) = pages.blocks(PAGE, "python")
-    exec(compile(example, str(PAGE), "exec"), {})
-    assert capsys.readouterr().out.endswith(": drive\n")
+def test_documented_examples_drive(capsys):
+    """The runner's drives, the scan's asserts, and the controller's drives."""
+    for example, end in zip(
+        pages.blocks(PAGE, "python"), (": drive\n", "", "drive: \n"), strict=True
+    ):
+        exec(compile(example, str(PAGE), "exec"), {})
+        assert capsys.readouterr().out.endswith(end)
 
 
 def test_page_lists_each_state_and_limit():

@@ -1,0 +1,221 @@
+"""Latest scan, motion, pose and path of a robot, with their stamps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from navrl.deploy.control_limits import ControlLimits
+from navrl.deploy.motion_buffer import MotionBuffer, composed_pose, driven_pose, relative_pose
+from navrl.deploy.paths import simplified_path
+from navrl.deploy.safety import DriveState, checked_pose
+from navrl.ops.scanner import Scanner
+
+_MIN_EQUAL = 3  # scans; two equal ones may be one message that was received twice
+
+
+@dataclass(frozen=True)
+class StampedScan:
+    """A scan as it was received.
+
+    Args:
+        stamp: Time of the first beam, s.
+        ranges: ``[M]`` float64 m.
+        scanner: Its angles and limits.
+        duration_s: Time from the first to the last beam, s.
+    """
+
+    stamp: float
+    ranges: np.ndarray
+    scanner: Scanner
+    duration_s: float
+
+    @property
+    def last_stamp(self) -> float:
+        """Time of the last beam, s."""
+        return self.stamp + self.duration_s
+
+
+class RobotInputs:
+    """Inputs of a controller; not thread-safe, the controller holds its lock.
+
+    A value that is refused also drops the one before it, so that a broken source stops the robot.
+
+    Args:
+        scanner: Mount and readings of the lidar; angles of scans that come without.
+    """
+
+    def __init__(self, scanner: Scanner) -> None:
+        """Start without inputs."""
+        self.scanner = scanner
+        self.odometry, self.commanded = MotionBuffer(), MotionBuffer()
+        self.scan: StampedScan | None = None
+        self.path: np.ndarray | None = None
+        self.path_count = 0
+        self._pose: tuple[float, np.ndarray] | None = None
+        self._map_from_odometry: np.ndarray | None = None
+        self._unchanged_since, self._num_equal = -math.inf, 0
+
+    def clear(self) -> None:
+        """Drop all values but the path."""
+        self.odometry.clear()
+        self.commanded.clear()
+        self.scan = self._pose = self._map_from_odometry = None
+
+    @property
+    def motion(self) -> MotionBuffer:
+        """Odometry, or the motion by the commands if there is none."""
+        return self.odometry if len(self.odometry) else self.commanded
+
+    def set_scan(
+        self,
+        stamp: float,
+        ranges: ArrayLike,
+        angle_min: float | None,
+        angle_increment: float | None,
+        range_min: float | None,
+        range_max: float | None,
+        duration_s: float | None,
+    ) -> bool:
+        """Store a scan; one that is not newer than the last is ignored, and False is returned."""
+        before, self.scan = self.scan, None
+        check_stamp(stamp)
+        readings = np.array(ranges, dtype=np.float64)  # a copy: drivers reuse their buffers
+        if readings.ndim != 1 or not len(readings):
+            raise ValueError(f"ranges.shape={list(readings.shape)}: must be [beams], at least 1")
+        given = {"angle_min": angle_min, "angle_increment": angle_increment}
+        if range_min is not None:
+            given["range_min"] = max(float(range_min), self.scanner.range_min)
+        if range_max is not None:
+            given["range_max"] = min(float(range_max), self.scanner.range_max)
+        scanner = replace(self.scanner, **{k: float(v) for k, v in given.items() if v is not None})
+        scanner.increment(len(readings))
+        duration = scanner.revolution_s if duration_s is None else float(duration_s)
+        if not 0.0 <= duration < math.inf:
+            raise ValueError(f"duration_s={duration}: must be finite and >= 0")
+        if before is not None and stamp <= before.stamp:
+            self.scan = before
+            return False
+        self._num_equal += 1
+        if before is None or not np.array_equal(readings, before.ranges, equal_nan=True):
+            self._unchanged_since, self._num_equal = stamp, 1
+        self.scan = StampedScan(float(stamp), readings, scanner, duration)
+        return True
+
+    def set_odometry(self, stamp: float, pose: ArrayLike, velocity: ArrayLike) -> bool:
+        """Store odometry; one that is not newer than the last is ignored, and False is returned."""
+        check_stamp(stamp)
+        v, w = np.asarray(velocity, dtype=np.float64).tolist()
+        values = checked_pose(pose)
+        if not (math.isfinite(v) and math.isfinite(w)):
+            raise ValueError(f"velocity={[v, w]}: must be 2 finite numbers (v, w)")
+        is_newer = stamp > self.odometry.stamp
+        if not len(self.odometry):
+            self._map_from_odometry = None  # it was that of the commands
+        self.odometry.add(float(stamp), values, (v, w))
+        return is_newer
+
+    def set_pose(self, stamp: float, pose: ArrayLike) -> bool:
+        """Store a pose; one that is older than the last is ignored, and False is returned."""
+        before, self._pose = self._pose, None
+        check_stamp(stamp)
+        values = checked_pose(pose)
+        if before is not None and stamp < before[0]:
+            self._pose = before
+            return False
+        self._pose, self._map_from_odometry = (float(stamp), values), None
+        return True
+
+    def set_path(self, path: ArrayLike) -> None:
+        """Store a path of any length."""
+        self.path = None
+        self.path = simplified_path(path)
+        self.path_count += 1
+
+    def advance(self, now: float, command: tuple[float, float], duration: float) -> None:
+        """Integrate a command (v, w) that was held for ``duration`` until ``now``, s."""
+        moved = self.commanded
+        pose = moved.pose_at(moved.stamp) if len(moved) else np.zeros(3)
+        moved.add(now, driven_pose(pose, command, duration), command)
+
+    def state(self, now: float, limits: ControlLimits) -> tuple[DriveState, str]:
+        """Return the state that follows from the inputs and their ages, and its reason.
+
+        ``DRIVE`` means that the policy may decide.
+        """
+        if self.path is None:
+            return DriveState.NO_PATH, "no path"
+        age = self.scan_age(now)
+        if not age <= limits.scan_timeout_s or not math.isfinite(now):
+            return DriveState.STALE_SCAN, f"last scan {age:.2f} s old"
+        if age < -limits.max_clock_skew_s - (self.scan.duration_s if self.scan else 0.0):
+            return DriveState.STALE_SCAN, f"scan stamped {-age:.2f} s in the future"
+        age, localized = self.pose_age(now)
+        if not age <= limits.pose_timeout_s or not localized <= limits.localization_timeout_s:
+            return DriveState.STALE_POSE, f"last pose {localized:.2f} s, odometry {age:.2f} s old"
+        if min(age, localized) < -limits.max_clock_skew_s:
+            return DriveState.STALE_POSE, "pose or odometry stamped in the future"
+        if self.is_frozen(limits.frozen_motion):
+            return DriveState.BLIND, "the lidar repeats one scan although the robot moves"
+        return DriveState.DRIVE, ""
+
+    def scan_age(self, now: float) -> float:
+        """Return the age of the last beam, s; inf without a scan."""
+        return math.inf if self.scan is None else now - self.scan.last_stamp
+
+    def goal_distance(self, now: float) -> float | None:
+        """Return the distance from the robot to the path's last point, m."""
+        pose = self.pose_at(now)
+        if pose is None or self.path is None:
+            return None
+        return float(np.hypot(*(self.path[-1] - pose[:2])))
+
+    def pose_at(self, now: float) -> np.ndarray | None:
+        """Return the pose ``[3]`` in the path's frame: the latest, moved on by the motion since."""
+        if self._pose is None or not math.isfinite(now):
+            return None
+        stamp, pose = self._pose
+        if not len(self.motion):
+            return pose.copy()
+        if self._map_from_odometry is None or not len(self.odometry):
+            there = self.motion.pose_at(stamp)
+            self._map_from_odometry = composed_pose(pose, relative_pose(there, np.zeros(3)))
+        return composed_pose(self._map_from_odometry, self.motion.pose_at(now))
+
+    def pose_age(self, now: float) -> tuple[float, float]:
+        """Return the age of the latest odometry or pose, and that of the latest pose, s."""
+        if self._pose is None:
+            return math.inf, math.inf
+        age = now - self._pose[0]
+        return (now - self.odometry.stamp if len(self.odometry) else age), age
+
+    def scan_motion(self, now: float) -> np.ndarray | None:
+        """Return the robot's frames ``[2, 3]`` at the first and last beam, in that at ``now``."""
+        if self.scan is None or not len(self.motion):
+            return None
+        stamps = (min(self.scan.stamp, now), min(self.scan.last_stamp, now))
+        then = np.stack([self.motion.pose_at(stamp) for stamp in stamps])
+        return relative_pose(self.motion.pose_at(now)[None], then)
+
+    def is_frozen(self, distance: float) -> bool:
+        """Return whether the robot has moved while its lidar repeated the same scan."""
+        scan = self.scan
+        if scan is None or self._num_equal < _MIN_EQUAL or not len(self.odometry):
+            return False
+        moved = relative_pose(
+            self.odometry.pose_at(self._unchanged_since), self.odometry.pose_at(scan.stamp)
+        )
+        return math.hypot(moved[0], moved[1]) > distance or abs(moved[2]) > distance
+
+
+def check_stamp(stamp: float) -> None:
+    """Check that a time is finite.
+
+    Raises:
+        ValueError: If it is not.
+    """
+    if not math.isfinite(stamp):
+        raise ValueError(f"stamp={stamp}: must be finite (s)")

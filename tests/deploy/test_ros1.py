@@ -1,0 +1,119 @@
+"""The ROS 1 node, with a stand-in for rospy: zero is the last command, also of an exception."""
+
+import sys
+import threading
+import time
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from test_ros_bridge import odometry, path, scan
+
+from navrl.deploy.ros1 import PolicyNode
+
+MESSAGES = {
+    "diagnostic_msgs": ("DiagnosticArray", "DiagnosticStatus", "KeyValue"),
+    "geometry_msgs": ("PoseWithCovarianceStamped", "Twist", "TwistStamped"),
+    "nav_msgs": ("Odometry", "Path"),
+    "sensor_msgs": ("LaserScan",),
+    "std_msgs": ("Bool",),
+}
+
+
+class Anything(SimpleNamespace):
+    """A message whose fields are made when they are read."""
+
+    def __getattr__(self, name):
+        if name.startswith("__") or name in ("twist", "to_sec"):
+            raise AttributeError(name)
+        setattr(self, name, Anything())
+        return getattr(self, name)
+
+
+class Rospy:
+    """The part of rospy that the node uses."""
+
+    Time = SimpleNamespace(now=lambda: 0.0)
+
+    def __init__(self, **parameters):
+        self.parameters, self.sent, self.listeners = parameters, [], {}
+
+    def get_param(self, name, default):
+        return self.parameters.get(name.removeprefix("~"), default)
+
+    def get_time(self):
+        return time.monotonic() + 100.0
+
+    def Publisher(self, name, kind, queue_size):
+        return SimpleNamespace(publish=lambda message: self.sent.append((name, message)))
+
+    def Subscriber(self, name, kind, callback, queue_size):
+        self.listeners[name] = callback
+
+    def logwarn_throttle(self, period, text):
+        raise AssertionError(text)
+
+    def speeds(self):
+        return [message.linear.x for name, message in self.sent if name == "cmd_vel"]
+
+
+@pytest.fixture(autouse=True)
+def messages(monkeypatch):
+    for package, names in MESSAGES.items():
+        module = ModuleType(f"{package}.msg")
+        for name in names:
+            setattr(module, name, type(name, (Anything,), {}))
+        monkeypatch.setitem(sys.modules, package, ModuleType(package))
+        monkeypatch.setitem(sys.modules, f"{package}.msg", module)
+
+
+def make(**changes):
+    parameters = {"policy": "paper", "mount": [0.0, 0.0, 0.0], "pose_source": "odometry"}
+    rospy = Rospy(**{**parameters, "scan_timeout": 30.0, "pose_timeout": 30.0, **changes})
+    return rospy, PolicyNode(rospy)
+
+
+def give(rospy):
+    now = rospy.get_time()
+    rospy.listeners["plan"](path())
+    rospy.listeners["odom"](odometry(now))
+    rospy.listeners["scan"](scan(now - 0.2))
+
+
+def test_node_drives_and_ends_with_zero():
+    rospy, node = make()
+    give(rospy)
+    stopping = threading.Event()
+    thread = threading.Thread(target=node.spin, args=(stopping,))
+    thread.start()
+    end = time.monotonic() + 60.0
+    while max(rospy.speeds(), default=0.0) < 0.5 and time.monotonic() < end:
+        time.sleep(0.02)
+    stopping.set()
+    thread.join()
+    assert max(rospy.speeds()) > 0.5 and rospy.speeds()[-5:] == [0.0] * 5
+
+
+def test_exception_ends_with_zero(monkeypatch):
+    rospy, node = make()
+    monkeypatch.setattr(node.control, "tick", lambda now: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        node.spin(threading.Event())
+    assert rospy.speeds() == [0.0] * 5
+
+
+def test_dry_run_sends_nothing():
+    rospy, node = make(dry_run=True)
+    node.send(0.5, 0.0)
+    assert rospy.speeds() == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pose_source": "tf"}, "pose_source=tf: must be one of amcl_pose, odometry"),
+        ({"mount": [float("nan")] * 3}, "mount: must be three numbers"),
+    ],
+)
+def test_parameters_without_tf_are_required(changes, message):
+    with pytest.raises(ValueError, match=message):
+        make(**changes)
