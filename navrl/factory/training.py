@@ -178,10 +178,13 @@ def save_policy(
 
 
 def deployed(cfg: DictConfig) -> DictConfig:
-    """Return the configuration with the transforms of the deployed policy."""
-    copy = cfg.copy()
+    """Return the configuration with the robot, lidar and transforms of the deployed policy."""
+    copy, parts = cfg.copy(), cfg.get("deployment", {})
     OmegaConf.set_struct(copy, False)  # allow new steps
-    copy.transforms.merge_with(cfg.get("deployment", {}).get("transforms", {}))
+    copy.transforms.merge_with(parts.get("transforms", {}))
+    for part in ("robot", "lidar"):
+        if part in parts:  # as a whole: a part of another class has other values
+            copy[part] = parts[part]
     return copy
 
 

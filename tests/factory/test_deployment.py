@@ -10,6 +10,7 @@ from navrl.factory.environment import make_training_env
 from navrl.factory.training import Validation
 from navrl.policies import load_bundle
 from navrl.policies.classical import StandStill
+from navrl.sim import DifferentialDrive, LimitedDrive
 from navrl.transforms import ActionShield, MinPool
 
 
@@ -57,3 +58,16 @@ def test_validation_plays_the_deployed_transforms_if_set(cfg):
         env = Validation(changed, actor)._env
         assert any(isinstance(step, ActionShield) for step in env.transform) == is_deployed
         env.close()
+
+
+def test_saved_policy_has_the_robot_and_lidar_of_the_deployment(tmp_path):
+    tiny = [word for word in TINY if word != "network=small"]
+    cfg = compose("train", [*tiny, "experiment=robot"])
+    shapes = factory.observation_shapes(make_training_env(cfg, seed=0, num_worlds=1))
+    actor, _ = factory.make_agent(cfg, shapes)
+    factory.save_policy(cfg, actor, shapes, tmp_path / "policy", {})
+    bundle = load_bundle(tmp_path / "policy")
+    assert isinstance(bundle.build("robot"), DifferentialDrive)
+    expected = compose("train", tiny).lidar
+    assert bundle.config["lidar"] == OmegaConf.to_container(expected, resolve=True)
+    assert isinstance(instantiate(cfg.robot), LimitedDrive)  # that of training

@@ -8,7 +8,7 @@ from navrl import jobs
 from navrl.config import compose
 from navrl.policies import ZOO, load_bundle, zoo_names
 
-LIMIT_BYTES = 2_000_000
+LIMIT_BYTES = 2_100_000
 
 
 def test_the_default_policy_is_shipped():
