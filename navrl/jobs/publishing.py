@@ -41,7 +41,7 @@ def publish(
     half: bool = False,
     last: bool = False,
 ) -> Path:
-    """Write a bundle of a run's best or last policy and a model card with scores and provenance.
+    """Write a bundle of a run's best or last policy and its model card.
 
     Args:
         run: Folder of ``navrl-train``.
