@@ -67,7 +67,8 @@ class ClearanceMap:
         size = (center + reach[:, None]).max(0) + margin - self.origin
         self.clearance = np.full(tuple(np.ceil(size / cell).astype(int)), comfort)
         for box in self.boxes:
-            self._lower(box[:2], np.linalg.norm(box[2:4]), lambda at, box=box: _to_box(at, box))
+            half = float(np.linalg.norm(box[2:4]))
+            self._lower(box[:2], half, lambda at, box=box: _to_box(at, box))
         for disc in self.discs:
             self._lower(disc[:2], disc[2], lambda at, disc=disc: _to_disc(at, disc))
         self.regions = np.asarray(label(self.clearance >= clearance, connectivity=1))

@@ -202,7 +202,7 @@ class Scenario:
             raise DamagedFileError(file, error, remedy) from error
 
 
-def _canonical(plain: dict) -> str:
+def _canonical(plain: object) -> str:
     return json.dumps(plain, sort_keys=True, separators=(",", ":"))
 
 

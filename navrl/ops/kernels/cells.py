@@ -16,6 +16,8 @@ next ring. Within a ring, walls behind the ranges so far are skipped. Neither ch
 skipped wall is farther than all ranges that it could change.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -29,7 +31,7 @@ SLACK_M = 1e-3  # m, above the rounding of float32 ranges
 
 
 @unordered_scalar
-def largest_of(row, first, stop):
+def largest_of(row: np.ndarray, first: int, stop: int) -> np.float32:
     """Return the largest of ``row[first:stop]``, which has no NaN; -infinity without any."""
     found = np.float32(-np.inf)
     for beam in range(first, stop):
@@ -38,7 +40,7 @@ def largest_of(row, first, stop):
 
 
 @scalar
-def farthest(row, begin, end, blocks):
+def farthest(row: np.ndarray, begin: int, end: int, blocks: np.ndarray) -> np.float32:
     """Write the largest range of each block of beams; return the largest of all.
 
     Beams outside of ``begin .. end - 1`` are ignored; a block without others has -infinity.
@@ -52,7 +54,7 @@ def farthest(row, begin, end, blocks):
 
 
 @scalar
-def rough_atan2(y, x):
+def rough_atan2(y: float, x: float) -> float:
     """Return the angle of (x, y) with an error of at most 0.004 rad, at a fraction of the time."""
     large, small = max(abs(x), abs(y)), min(abs(x), abs(y))
     ratio = small / large if large > 0.0 else 0.0
@@ -65,7 +67,10 @@ def rough_atan2(y, x):
 
 
 @scalar
-def is_hidden(blocks, begin, end, grid, px, py, distance, extent):
+def is_hidden(
+    blocks: np.ndarray, begin: int, end: int, grid: tuple[float, float, float], px: float,
+    py: float, distance: float, extent: float,
+) -> bool:  # fmt: skip
     """Return whether a wall is behind the ranges of all beams that could meet it.
 
     Args:
@@ -94,9 +99,11 @@ def is_hidden(blocks, begin, end, grid, px, py, distance, extent):
 
 @scalar
 def cast_walls(
-    row, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
-    walls, num_walls, cell_start, cell_info, blocks,
-):  # fmt: skip
+    row: np.ndarray, begin: int, end: int, cos: np.ndarray, sin: np.ndarray,
+    grid: tuple[float, float, float], faces: np.ndarray, max_range: float, x: float, y: float,
+    cos_yaw: float, sin_yaw: float, walls: np.ndarray, num_walls: int, cell_start: np.ndarray,
+    cell_info: np.ndarray, blocks: np.ndarray,
+) -> None:  # fmt: skip
     """Write the ranges to all walls that the lidar sees into ``row[begin:end]``.
 
     ``faces`` [2, 6] and ``blocks`` are scratch.
@@ -139,8 +146,11 @@ def cast_walls(
 
 @scalar
 def cast_listed(
-    row, begin, end, cos, sin, grid, faces, max_range, scanner, walls, blocks, first, stop
-):
+    row: np.ndarray, begin: int, end: int, cos: np.ndarray, sin: np.ndarray,
+    grid: tuple[float, float, float], faces: np.ndarray, max_range: float,
+    scanner: tuple[float, float, float, float], walls: np.ndarray, blocks: np.ndarray, first: int,
+    stop: int,
+) -> None:  # fmt: skip
     """Write the ranges to the walls ``walls[first:stop]`` that are not hidden."""
     x, y, cos_yaw, sin_yaw = scanner
     for index in range(first, stop):
@@ -161,7 +171,7 @@ def cast_listed(
 
 
 @scalar
-def wall_in_reach(x, y, reach, wall):
+def wall_in_reach(x: float, y: float, reach: float, wall: np.ndarray) -> bool:
     """Return whether a touchable wall may come within ``reach`` of (x, y), by its diagonal."""
     dx, dy = wall[0] - x, wall[1] - y
     extent = math.sqrt(wall[2] * wall[2] + wall[3] * wall[3]) + reach
@@ -169,7 +179,7 @@ def wall_in_reach(x, y, reach, wall):
 
 
 @scalar
-def cell_range(offset, margin, size, count):
+def cell_range(offset: float, margin: float, size: float, count: int) -> tuple[int, int]:
     """Return the first cell and the end of those within ``margin`` of a coordinate."""
     first = math.floor((offset - margin) / size)
     last = math.floor((offset + margin) / size)
@@ -177,7 +187,10 @@ def cell_range(offset, margin, size, count):
 
 
 @scalar
-def list_near_walls(x, y, reach, walls, num_walls, cell_start, cell_info, near):
+def list_near_walls(
+    x: float, y: float, reach: float, walls: np.ndarray, num_walls: int, cell_start: np.ndarray,
+    cell_info: np.ndarray, near: np.ndarray,
+) -> int:  # fmt: skip
     """Write the indices of walls that may be within ``reach`` of (x, y); return their number."""
     count = 0
     if cell_info[3] == 0.0:

@@ -1,5 +1,7 @@
 """Pedestrian positions of one world; arrays as in :mod:`navrl.ops.kernels.worlds`."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -14,12 +16,12 @@ _step_length = scalar(gait.step_length)
 
 
 @scalar
-def distance(dx, dy):
+def distance(dx: float, dy: float) -> float:
     return math.sqrt(dx * dx + dy * dy)  # several times faster than hypot
 
 
 @scalar
-def foot_center(state, side):
+def foot_center(state: np.ndarray, side: int) -> tuple[float, float]:
     """Return the center of a leg of a pedestrian; as :func:`navrl.ops.gait.foot_center`."""
     ahead = foot_offset(state[5] + side, state[6])
     left = gait.HALF_STEP_WIDTH_M * (1.0 - 2.0 * side)
@@ -28,7 +30,7 @@ def foot_center(state, side):
 
 
 @scalar
-def follow_move(state, walk, move, share):
+def follow_move(state: np.ndarray, walk: np.ndarray, move: np.ndarray, share: float) -> None:
     """Write the state of a pedestrian at the fraction ``share`` of its step."""
     state[0] = move[0] + share * (move[2] - move[0])
     state[1] = move[1] + share * (move[3] - move[1])
@@ -37,7 +39,9 @@ def follow_move(state, walk, move, share):
 
 
 @scalar
-def follow_route(state, route, arc, walk, time_s):
+def follow_route(
+    state: np.ndarray, route: np.ndarray, arc: np.ndarray, walk: np.ndarray, time_s: float
+) -> None:
     """Write the state of a pedestrian at a time: a triangle wave along its route's arc length."""
     speed = walk[0]
     length = arc[-1]
@@ -66,7 +70,10 @@ def follow_route(state, route, arc, walk, time_s):
 
 
 @scalar
-def follow_track(state, route, times, walk, gaits, time_s):
+def follow_track(
+    state: np.ndarray, route: np.ndarray, times: np.ndarray, walk: np.ndarray, gaits: np.ndarray,
+    time_s: float,
+) -> None:  # fmt: skip
     """Write the state of a pedestrian at a time of its track; NaN before and after it."""
     last = times.shape[0] - 1
     if not times[0] <= time_s <= times[last]:
@@ -90,7 +97,10 @@ def follow_track(state, route, times, walk, gaits, time_s):
 
 
 @scalar
-def place_pedestrian(k, states, route, arc, walk, gaits, moves, time_s, share):
+def place_pedestrian(
+    k: int, states: np.ndarray, route: np.ndarray, arc: np.ndarray, walk: np.ndarray,
+    gaits: np.ndarray, moves: np.ndarray, time_s: float, share: float,
+) -> None:  # fmt: skip
     """Write the state of pedestrian ``k`` at the fraction ``share`` of a step.
 
     ``moves`` has no rows if all pedestrians follow their routes.
@@ -106,14 +116,20 @@ def place_pedestrian(k, states, route, arc, walk, gaits, moves, time_s, share):
 
 
 @scalar
-def place_pedestrians(states, route, arc, walk, gaits, moves, time_s, share):
+def place_pedestrians(
+    states: np.ndarray, route: np.ndarray, arc: np.ndarray, walk: np.ndarray, gaits: np.ndarray,
+    moves: np.ndarray, time_s: float, share: float,
+) -> None:  # fmt: skip
     """Write the states of all pedestrians of a world; see :func:`place_pedestrian`."""
     for k in range(states.shape[0]):
         place_pedestrian(k, states, route, arc, walk, gaits, moves, time_s, share)
 
 
 @scalar
-def list_near_pedestrians(x, y, reach, states, arc, walk, moves, time_s, duration, near):
+def list_near_pedestrians(
+    x: float, y: float, reach: float, states: np.ndarray, arc: np.ndarray, walk: np.ndarray,
+    moves: np.ndarray, time_s: float, duration: float, near: np.ndarray,
+) -> int:  # fmt: skip
     """Write the indices of pedestrians that may come within ``reach``; return their number."""
     count = 0
     for k in range(states.shape[0]):
@@ -137,7 +153,7 @@ def list_near_pedestrians(x, y, reach, states, arc, walk, moves, time_s, duratio
 
 
 @scalar
-def shape_of_part(shape, state, walk, part):
+def shape_of_part(shape: np.ndarray, state: np.ndarray, walk: np.ndarray, part: int) -> None:
     """Write (cx, cy, hx, hy, cos, sin) of a part of a pedestrian.
 
     Part 0 is the body; parts 1 and 2 are the moves. A disc has cosine and sine 0.
@@ -154,21 +170,23 @@ def shape_of_part(shape, state, walk, part):
 
 
 @scalar
-def num_parts(walk):
+def num_parts(walk: np.ndarray) -> int:
     """Return the number of parts of a pedestrian that the hull can touch."""
     return 3 if walk[4] == BODY_LEGS else 1
 
 
 @scalar
-def first_seen_part(walk):
+def first_seen_part(walk: np.ndarray) -> int:
     """Return the first part that a lidar sees: the legs of a pedestrian that has them."""
     return 1 if walk[4] == BODY_LEGS else 0
 
 
 @kernel
 def place_pedestrians_kernel(
-    rows, worlds, states, route, route_arc, walk, gaits, moves, tick, duration
-):
+    rows: tuple[int, int], worlds: np.ndarray, states: np.ndarray, route: np.ndarray,
+    route_arc: np.ndarray, walk: np.ndarray, gaits: np.ndarray, moves: np.ndarray, tick: np.ndarray,
+    duration: float,
+) -> None:  # fmt: skip
     """Place the pedestrians of the listed worlds at their current time."""
     for index in range(rows[0], rows[1]):
         n = worlds[index]

@@ -7,6 +7,8 @@ per covered beam, instead of one slab test per beam and box.
 A disc is an obstacle without a direction: its cosine and sine are zero and hx is its radius.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -48,7 +50,10 @@ def write_face(face, grid, distance, nx, ny, start_x, start_y, end_x, end_y):
 
 
 @scalar
-def find_disc(face, grid, max_range, dx, dy, cos_yaw, sin_yaw, radius):
+def find_disc(
+    face: np.ndarray, grid: tuple[float, float, float], max_range: float, dx: float, dy: float,
+    cos_yaw: float, sin_yaw: float, radius: float,
+) -> int:  # fmt: skip
     """Write a disc with center (dx, dy) from the scanner, world frame; return as find_faces."""
     distance = math.sqrt(dx * dx + dy * dy)
     if distance - radius >= max_range:
@@ -110,9 +115,11 @@ def find_faces(faces, grid, max_range, x, y, cos_yaw, sin_yaw, cx, cy, hx, hy, c
 
 @scalar
 def cast_box(
-    out, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
-    cx, cy, hx, hy, cos_box, sin_box,
-):  # fmt: skip
+    out: np.ndarray, begin: int, end: int, cos: np.ndarray, sin: np.ndarray,
+    grid: tuple[float, float, float], faces: np.ndarray, max_range: float, x: float, y: float,
+    cos_yaw: float, sin_yaw: float, cx: float, cy: float, hx: float, hy: float, cos_box: float,
+    sin_box: float,
+) -> None:  # fmt: skip
     """Write the ranges to one box into the beams ``begin .. end - 1`` of ``out`` [beams].
 
     ``faces`` [2, 6] is scratch.
@@ -130,7 +137,9 @@ def cast_box(
 
 
 @scalar
-def cast_interval(out, cos, sin, face, first, stop):
+def cast_interval(
+    out: np.ndarray, cos: np.ndarray, sin: np.ndarray, face: np.ndarray, first: int, stop: int
+) -> None:
     """Write the ranges to one face or disc into the beams ``first .. stop - 1`` of ``out``."""
     distance, nx, ny = face[0], face[1], face[2]
     if distance < 0.0:
@@ -144,7 +153,9 @@ def cast_interval(out, cos, sin, face, first, stop):
 
 
 @scalar
-def cast_disc(out, cos, sin, face, first, stop):
+def cast_disc(
+    out: np.ndarray, cos: np.ndarray, sin: np.ndarray, face: np.ndarray, first: int, stop: int
+) -> None:
     """Write the ranges to one disc into the beams ``first .. stop - 1`` of ``out``."""
     radius, px, py = -face[0], face[1], face[2]
     for beam in range(first, stop):

@@ -1,5 +1,7 @@
 """Batched simulation kernel: scan all worlds; arrays as in :mod:`navrl.ops.kernels.worlds`."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -14,7 +16,7 @@ first_beam = scalar(first_beam)
 
 
 @scalar
-def place_scanner(pose, mount):
+def place_scanner(pose: np.ndarray, mount: np.ndarray) -> tuple[float, float, float, float]:
     """Return (x, y, cos, sin) of a lidar mounted at (x, y, yaw) on a robot."""
     cos_robot, sin_robot = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + cos_robot * mount[0] - sin_robot * mount[1]
@@ -24,8 +26,10 @@ def place_scanner(pose, mount):
 
 @scalar
 def cast_pedestrians(
-    row, begin, end, cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw, states, walk, shape
-):
+    row: np.ndarray, begin: int, end: int, cos: np.ndarray, sin: np.ndarray,
+    grid: tuple[float, float, float], faces: np.ndarray, max_range: float, x: float, y: float,
+    cos_yaw: float, sin_yaw: float, states: np.ndarray, walk: np.ndarray, shape: np.ndarray,
+) -> None:  # fmt: skip
     """Write the ranges to all pedestrians into ``row[begin:end]``; ``shape`` [6] is scratch."""
     for k in range(states.shape[0]):
         if math.isnan(states[k, 4]):
@@ -40,9 +44,11 @@ def cast_pedestrians(
 
 @kernel
 def scan_worlds_kernel(
-    rows, out, worlds, pose, mount, walls, num_walls, cell_start, cell_info,
-    boxes, walk, newest, sweep, cos, sin, grid, max_range,
-):  # fmt: skip
+    rows: tuple[int, int], out: np.ndarray, worlds: np.ndarray, pose: np.ndarray, mount: np.ndarray,
+    walls: np.ndarray, num_walls: np.ndarray, cell_start: np.ndarray, cell_info: np.ndarray,
+    boxes: np.ndarray, walk: np.ndarray, newest: np.ndarray, sweep, cos: np.ndarray,
+    sin: np.ndarray, grid: tuple[float, float, float], max_range: float,
+) -> None:  # fmt: skip
     """Scan the listed worlds from the lidar's mount (x, y, yaw) on their robots.
 
     ``pose`` [N, L, 3] and ``boxes`` [N, L, K, 7] are rings of L substeps. The last beam sees entry

@@ -86,7 +86,9 @@ def remember(
 
 
 @scalar
-def nearest_point(x, y, cx, cy, hx, hy, cos, sin):
+def nearest_point(
+    x: float, y: float, cx: float, cy: float, hx: float, hy: float, cos: float, sin: float
+) -> tuple[float, float]:
     """Return the point of a box or disc that is nearest to (x, y); this point itself if inside."""
     if cos == 0.0 and sin == 0.0:
         return nearest_point_on_disc(x, y, cx, cy, hx)
@@ -111,7 +113,10 @@ def touched_wall(x, y, radius, walls, near, num_near):
 
 
 @scalar
-def touched_pedestrian(x, y, heading, speed, radius, states, walk, near, num_near, shape):
+def touched_pedestrian(
+    x: float, y: float, heading: float, speed: float, radius: float, states: np.ndarray,
+    walk: np.ndarray, near: np.ndarray, num_near: int, shape: np.ndarray,
+) -> int:  # fmt: skip
     """Return NONE, PEDESTRIAN or HIT_BY_PEDESTRIAN for the pedestrians listed in ``near``.
 
     The disc at (x, y) travels in direction ``heading``, world, at ``speed``; ``shape`` [6] is

@@ -176,8 +176,8 @@ class PlaceDistribution:
         """Return the pedestrians of a random part of the recording."""
         if not place.people:
             return ()
-        first = min(float(person.times[0]) for person in place.people)
-        last = max(float(person.times[-1]) for person in place.people)
+        times = [person.times for person in place.people if person.times is not None]
+        first, last = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
         start_s = generator.uniform(first, max(first, last - self.duration_s))
         return window(place.people, start_s, self.duration_s)
 
@@ -193,7 +193,10 @@ class PlaceDistribution:
             length = np.linalg.norm(np.diff(route, axis=0), axis=1).sum()
             if length < 2.0:
                 raise NoPathError("a pedestrian's route is shorter than 2 m")
-            offset, speed = generator.uniform(0.0, 2.0 * length), generator.uniform(*self.speed)
+            offset, speed = (
+                generator.uniform(0.0, 2.0 * length),
+                generator.uniform(self.speed[0], self.speed[1]),
+            )
             people.append(
                 Pedestrian(route, float(speed), float(offset), (0.2, 0.2), None, self.body)
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from skimage.draw import polygon2mask
@@ -82,7 +83,7 @@ def _free_region(reader: Reader) -> FreeRegion | None:
 
 def _is_ring(reader: Reader, key: str) -> bool:
     """Return whether a value is one ring of points instead of a list of rings."""
-    value = reader.get(key)
+    value: Any = reader.get(key)
     return bool(isinstance(value, list) and value and isinstance(value[0], list)) and not (
         value[0] and isinstance(value[0][0], list)
     )
@@ -121,7 +122,7 @@ def _rasterized(reader: Reader, outer: list[np.ndarray], holes: list[np.ndarray]
 def _bit_grid(reader: Reader) -> FreeRegion:
     shape = reader.row("shape", 2, low=1)
     rows, columns = (int(size) for size in shape)
-    cell, text = reader.number("cell", 0.01, 10.0), reader.get("bits")
+    cell, text = reader.number("cell", 0.01, 10.0), cast(str, reader.get("bits"))
     size = -(-rows * columns // 8)
     try:
         data = bytes.fromhex(text)

@@ -93,6 +93,7 @@ def window(
 def _rows(file: str | Path) -> Iterator[tuple]:
     """Yield the line number and the four numbers of each row."""
     header: list[str] | None = None
+    order: list[int] = []
     for number, line in enumerate(read_text(file, REMEDY).splitlines(), start=1):
         text = line.strip()
         if not text or text.startswith("#"):
