@@ -15,7 +15,7 @@ import sys
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import yaml
@@ -182,7 +182,7 @@ def read_arrays(
         raise DamagedFileError(file, f"damaged or not an .npz file ({error})", remedy) from error
 
 
-def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> bool:
+def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> TypeGuard[float]:
     """Return whether a value is a finite number in [low, high], excluding bool."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return False

@@ -15,7 +15,7 @@ HIDDEN = [
     *(".github/" + name for name in ("ISSUE_TEMPLATE", "workflows")),
 ]
 # Findings of ruff that are left, at most; a change that removes some lowers these.
-LEFT = {"ANN001": 825, "ANN201": 126, "ANN401": 36, "D102": 24, "D105": 30, "D107": 105}
+LEFT = {"ANN001": 611, "ANN201": 96, "ANN401": 35, "D102": 24, "D105": 30, "D107": 105}
 
 
 def yaml_files() -> list[Path]:

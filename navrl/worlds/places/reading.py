@@ -38,7 +38,7 @@ class Reader:
         shown = shown if len(shown) <= _SHOWN else f"{shown[: _SHOWN - 3]}..."
         return DamagedFileError(self.file, f"{self.prefix}{key}={shown}: must be {allowed}", REMEDY)
 
-    def get(self, key: str) -> Any:
+    def get(self, key: str) -> object:
         """Return a value that must exist."""
         if key not in self.values:
             reason = f"{self.prefix}{key}: is missing, there are {', '.join(sorted(self.values))}"
