@@ -85,9 +85,16 @@ OTHERS = {
     "ray start '--address=<head>:6379'",
     "sbatch --cpus-per-task=8",
     "python tests/clients/vector_speed.py",  # minutes; tests/clients has the equality
+    "g++ -std=c++17",  # tests/export compiles the program where there is a compiler
+    "pip install -e '.[full,onnx]'",
     MINE,  # the last test
 }
-OWN_TESTS = {"extending.md", "own_algorithm.md", "own_policy.md"}  # tests of these names
+OWN_TESTS = {
+    "extending.md",
+    "own_algorithm.md",
+    "own_policy.md",
+    "places.md",
+}  # tests of these names
 # Parts of it are in other commands; 20 s of starting processes.
 NIGHTLY = "navrl-benchmark 'rows=[workers,update,training]'"
 COMMANDS = [

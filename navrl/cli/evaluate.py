@@ -23,11 +23,11 @@ def main(cfg: DictConfig) -> float:
     Raises:
         ValueError: If every episode raised an exception.
     """
+    check_start(cfg)
     skipped = jobs.missing_data(cfg)
     if skipped is not None:
         log.warning(skipped)
         return math.nan
-    check_start(cfg)
     folder = Path(HydraConfig.get().runtime.output_dir)
     with jobs.locked(folder):
         return _evaluate(cfg, folder)

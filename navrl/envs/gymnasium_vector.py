@@ -54,7 +54,8 @@ class GymnasiumVectorNavigation(VectorEnv):
         >>> import gymnasium, navrl
         >>> overrides = ["scenario=corridor", "pool_size=4"]
         >>> envs = gymnasium.make_vec("navrl/Navigation-v0", 3, overrides=overrides)
-        >>> envs.reset(seed=0)[0]["ranges"].shape
+        >>> observation, info = envs.reset(seed=0)
+        >>> observation["ranges"].shape
         (3, 1440)
     """
 

@@ -1,4 +1,4 @@
-"""Pedestrians of a scenario: a route walked to and fro, or a track with times."""
+"""Pedestrians of a scenario: a route walked back and forth, or a track with times."""
 
 from __future__ import annotations
 

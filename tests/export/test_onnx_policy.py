@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+import navrl
 from navrl.config import compose
 from navrl.deploy import PolicyRunner
 from navrl.export import OnnxFileError, OnnxPolicy
@@ -246,3 +247,16 @@ def test_documented_program_drives_from_cpp(exported, tmp_path):
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     commands = [list(map(float, line.split())) for line in printed.splitlines()]
     np.testing.assert_allclose(commands, golden["command"][:count], rtol=0.0, atol=1e-5)
+
+
+def test_documented_python_program_drives(exported, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+    source = re.search(r'```python title="drive.py"\n(.*?)```', page, re.S)[1]
+    (tmp_path / "drive.py").write_text(source)
+    (tmp_path / "paper.onnx").write_bytes(exported("paper").read_bytes())
+    module = Path(navrl.__file__).parent / "export" / "onnx_policy.py"
+    (tmp_path / "onnx_policy.py").write_text(module.read_text())
+    done = subprocess.run(
+        [sys.executable, "drive.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split()[1:] == ["1440", "0.2"]

@@ -55,4 +55,4 @@ def test_missing_stable_baselines3_names_the_extra():
     if not missing_packages(StableBaselines3Policy):
         pytest.skip("stable-baselines3 is installed")
     with pytest.raises(ImportError, match=r"\[clients\]"):
-        StableBaselines3Policy("ppo.zip")
+        StableBaselines3Policy("ppo.zip", trusted=True)

@@ -10,7 +10,7 @@ contact    [N]         code of :mod:`navrl.ops.contact`; a world in contact is s
 walls      [N, W, 8]   cx, cy, hx, hy, cos, sin, seen by the lidar, touched by the hull (0 or
                        1); cos and sin of a disc are 0, hx is its radius; the first
                        num_walls[n] rows are valid; cells of :mod:`navrl.ops.kernels.cells`
-route      [N, K, R, 2] polyline on which each pedestrian walks, to and fro or as a track
+route      [N, K, R, 2] polyline on which each pedestrian walks, back and forth or as a track
 route_arc  [N, K, R]   arc length at its points, padded with the total length; of a track the
                        time
 walk       [N, K, 7]   (largest) speed, initial arc length, hx, hy, code of the body, radius of a

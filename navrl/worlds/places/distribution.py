@@ -184,7 +184,7 @@ class PlaceDistribution:
     def _walkers(
         self, generator: np.random.Generator, place: Place, grid: ClearanceMap
     ) -> tuple[Pedestrian, ...]:
-        """Return pedestrians that walk to and fro between two random points."""
+        """Return pedestrians that walk back and forth between two random points."""
         count = int(generator.integers(self.num_walkers[0], self.num_walkers[1] + 1))
         people = []
         for _ in range(count):
