@@ -44,7 +44,7 @@ class EvaluatedPolicy:
 
     @property
     def observes(self) -> list[str]:
-        """What the policy may read: scan, pose, path, odometry, true state."""
+        """Inputs that the policy may read: scan, pose, path, odometry, true state."""
         return observed_sources(self.policy, self.env)
 
     def close(self) -> None:
