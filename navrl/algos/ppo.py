@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from copy import deepcopy
-from typing import Any
-
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase
@@ -15,8 +11,7 @@ from torchrl.objectives.value import GAE
 
 from navrl import keys
 from navrl.algos.distributions import stochastic_policy
-from navrl.algos.precision import Precision
-from navrl.algos.protocols import NonFiniteUpdateError
+from navrl.algos.one_optimizer import OneOptimizer
 from navrl.checks import check_counts, check_positive
 
 _LOSSES = ("loss_objective", "loss_critic")
@@ -46,7 +41,7 @@ class StateValue(TensorDictModuleBase):
         return tensordict.set("state_value", value)
 
 
-class PPO:
+class PPO(OneOptimizer):
     """PPO with TorchRL's clipped loss and generalized advantages, from whole rollouts.
 
     The actor writes the mean action and is what drives and is saved. The distribution around it
@@ -95,28 +90,24 @@ class PPO:
         check_positive(deviation=deviation, clip=clip, learning_rate=learning_rate)
         check_positive(max_gradient_norm=max_gradient_norm)
         check_counts(epochs=epochs, minibatch_size=minibatch_size)
-        self.actor, self.max_gradient_norm = actor, max_gradient_norm
         self.epochs, self.minibatch_size = epochs, minibatch_size
-        device = next(actor.parameters()).device
-        self.precision = Precision("float32", device)
         self.policy = stochastic_policy(actor, action_size, deviation, is_learned=False)
         value = StateValue(critic, action_size)
-        self.loss = ClipPPOLoss(
+        loss = ClipPPOLoss(
             self.policy,
             value,  # pyright: ignore[reportArgumentType] -- any module with keys
             clip_epsilon=clip,
             entropy_bonus=False,
             normalize_advantage=True,
-        ).to(device)
+        )
+        super().__init__(actor, loss, learning_rate, max_gradient_norm)
+        self._learning_rate = learning_rate
         self.advantage = GAE(
             gamma=gamma,
             lmbda=gae_lambda,
             value_network=value,  # pyright: ignore[reportArgumentType]
             deactivate_vmap=True,
         )
-        self._weights = [value for value in self.loss.parameters() if value.requires_grad]
-        self._learning_rate = learning_rate
-        self.optimizer = torch.optim.Adam(self._weights, learning_rate)
 
     def update(self, rollout: TensorDictBase) -> dict[str, Tensor]:
         """Take the gradient steps of all epochs on a rollout.
@@ -141,38 +132,10 @@ class PPO:
         steps, found = rollout.reshape(-1), []
         for _ in range(self.epochs):
             for rows in torch.randperm(len(steps)).split(self.minibatch_size):
-                found.append(self._step(steps[rows]))
+                found.append(self._descend(steps[rows], _LOSSES, _SCALARS))
         return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
-
-    def _step(self, batch: TensorDictBase) -> dict[str, Tensor]:
-        """Take one gradient step on ``[B]`` transitions."""
-        terms = self.loss(batch)
-        self.optimizer.zero_grad()
-        torch.stack([terms[name] for name in _LOSSES]).sum().backward()
-        norm = torch.nn.utils.clip_grad_norm_(self._weights, self.max_gradient_norm)
-        scalars = {name: terms[name].detach().mean() for name in _SCALARS}
-        scalars["gradient_norm"] = norm.detach()
-        if not torch.stack(list(scalars.values())).isfinite().all():
-            raise NonFiniteUpdateError(scalars, batch)
-        self.optimizer.step()
-        return scalars
-
-    def update_from_each(self, batches: TensorDictBase) -> dict[str, Tensor]:
-        """Update from each rollout of ``[K, N, T]``; return sums of the scalars."""
-        scalars = [self.update(rollout) for rollout in batches.unbind(0)]
-        return {name: torch.stack([each[name] for each in scalars]).sum() for name in scalars[0]}
 
     def anneal(self, share_done: float) -> None:
         """Decrease the learning rate linearly to zero."""
         for group in self.optimizer.param_groups:
             group["lr"] = self._learning_rate * max(1.0 - share_done, 0.0)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the weights and the state of the optimizer."""
-        return {"loss": self.loss.state_dict(), "optimizer": self.optimizer.state_dict()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restore a copy of a state of :meth:`state_dict`."""
-        copied = deepcopy(dict(state))
-        self.loss.load_state_dict(copied["loss"])
-        self.optimizer.load_state_dict(copied["optimizer"])
