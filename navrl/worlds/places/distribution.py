@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -85,19 +86,25 @@ class PlaceDistribution:
         self.robot_height, self.goal_clearance = robot_height, goal_clearance
         self.clearance, self.comfort = robot_radius + margin, comfort
         self.duration_s = duration_s
-        self._maps: dict[int, ClearanceMap] = {}  # of the last places
+        self._floors: dict[int, _Floor] = {}  # of the last places
 
     def __getstate__(self) -> dict:
         """Return the state without maps, for worker processes."""
-        return {**vars(self), "_maps": {}}
+        return {**vars(self), "_floors": {}}
 
     def map_of(self, number: int) -> ClearanceMap:
-        """Return the map of a place by its number; the last few are retained."""
-        if number not in self._maps:
-            if len(self._maps) >= _MAX_MAPS:
-                self._maps.pop(next(iter(self._maps)))
-            self._maps[number] = self._make_map(number)
-        return self._maps[number]
+        """Return the map of a place by its number."""
+        return self._floor(number).grid
+
+    def _floor(self, number: int) -> _Floor:
+        """Return map and free cells of a place by its number; the last few are retained."""
+        if number not in self._floors:
+            if len(self._floors) >= _MAX_MAPS:
+                self._floors.pop(next(iter(self._floors)))
+            grid = self._make_map(number)
+            cells = _free_cells(self.places[number], grid, self.goal_clearance)
+            self._floors[number] = _Floor(grid, cells)
+        return self._floors[number]
 
     def _make_map(self, number: int) -> ClearanceMap:
         place = self.places[number]
@@ -116,13 +123,13 @@ class PlaceDistribution:
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
         number = index % len(self.places)
-        place, grid = self.places[number], self.map_of(number)
+        place, floor = self.places[number], self._floor(number)
         reason = None
         for _ in range(_TRIES):
             try:
                 people = self._recorded(generator, place)
-                start, path = self._route(generator, place, grid)
-                people += self._walkers(generator, place, grid)
+                start, path = self._route(generator, place, floor)
+                people += self._walkers(generator, floor)
                 _check_start(start, people)
             except NoPathError as error:
                 reason = error
@@ -148,12 +155,13 @@ class PlaceDistribution:
         )
 
     def _route(
-        self, generator: np.random.Generator, place: Place, grid: ClearanceMap
+        self, generator: np.random.Generator, place: Place, floor: _Floor
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the start pose and the path."""
+        grid = floor.grid
         if place.start is not None and place.goal is not None:
             return place.start, grid.path(place.start[:2], place.goal)
-        a, b = (self._point(generator, place, grid) for _ in range(2))
+        a, b = (self._point(generator, floor) for _ in range(2))
         low, high = self.distance
         if not np.hypot(*(b - a)) <= high or not grid.connected(a, b):
             raise NoPathError(f"start and goal are too far apart for distance={[low, high]}")
@@ -163,14 +171,11 @@ class PlaceDistribution:
             raise NoPathError(f"paths do not fit distance={[low, high]}")
         return np.array([*a, generator.uniform(-np.pi, np.pi)]), path
 
-    def _point(
-        self, generator: np.random.Generator, place: Place, grid: ClearanceMap
-    ) -> np.ndarray:
+    def _point(self, generator: np.random.Generator, floor: _Floor) -> np.ndarray:
         """Return a free point ``[2]`` m."""
-        cells = _free_cells(place, grid, self.goal_clearance)
-        if not len(cells):
+        if not len(floor.cells):
             raise NoPathError(f"no point has goal_clearance={self.goal_clearance}")
-        return cells[generator.integers(len(cells))]
+        return floor.cells[generator.integers(len(floor.cells))]
 
     def _recorded(self, generator: np.random.Generator, place: Place) -> tuple[Pedestrian, ...]:
         """Return the pedestrians of a random part of the recording."""
@@ -181,26 +186,34 @@ class PlaceDistribution:
         start_s = generator.uniform(first, max(first, last - self.duration_s))
         return window(place.people, start_s, self.duration_s)
 
-    def _walkers(
-        self, generator: np.random.Generator, place: Place, grid: ClearanceMap
-    ) -> tuple[Pedestrian, ...]:
+    def _walkers(self, generator: np.random.Generator, floor: _Floor) -> tuple[Pedestrian, ...]:
         """Return pedestrians that walk back and forth between two random points."""
         count = int(generator.integers(self.num_walkers[0], self.num_walkers[1] + 1))
         people = []
         for _ in range(count):
-            a, b = (self._point(generator, place, grid) for _ in range(2))
-            route = simplify(grid.path(a, b), tolerance=0.05)
+            a, b = (self._point(generator, floor) for _ in range(2))
+            route = simplify(floor.grid.path(a, b), tolerance=0.05)
             length = np.linalg.norm(np.diff(route, axis=0), axis=1).sum()
             if length < 2.0:
                 raise NoPathError("a pedestrian's route is shorter than 2 m")
-            offset, speed = (
-                generator.uniform(0.0, 2.0 * length),
-                generator.uniform(self.speed[0], self.speed[1]),
-            )
+            offset = generator.uniform(0.0, 2.0 * length)
+            speed = generator.uniform(self.speed[0], self.speed[1])
             people.append(
                 Pedestrian(route, float(speed), float(offset), (0.2, 0.2), None, self.body)
             )
         return tuple(people)
+
+
+class _Floor(NamedTuple):
+    """Where robots and pedestrians of a place can be.
+
+    Args:
+        grid: Map for paths.
+        cells: ``[C, 2]`` m, centers of the cells with ``goal_clearance``.
+    """
+
+    grid: ClearanceMap
+    cells: np.ndarray
 
 
 def _free_cells(place: Place, grid: ClearanceMap, clearance: float) -> np.ndarray:
