@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -152,6 +153,19 @@ def check_descriptor_speeds(least: float, most: float) -> tuple[float, float]:
             "must be 0 < min_descriptor_speed < max_descriptor_speed"
         )
     return least, most
+
+
+def check_commands(margin: float, min_speed: float, max_speed: float) -> None:
+    """Check the margin and the speeds of sampled commands.
+
+    Raises:
+        ValueError: If the margin is negative, or the range of speeds empty or not finite.
+    """
+    if not (0.0 <= margin < math.inf and -math.inf < min_speed < max_speed < math.inf):
+        raise ValueError(
+            f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
+            "must satisfy min_speed < max_speed"
+        )
 
 
 def room_along(

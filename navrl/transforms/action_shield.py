@@ -17,6 +17,7 @@ from navrl.deprecation import renamed_arguments
 from navrl.ops.exporting import cumulative_minimum, is_exporting
 from navrl.ops.motion import (
     FAR,
+    check_commands,
     check_descriptor_speeds,
     moving_points,
     room_along,
@@ -139,11 +140,7 @@ class ActionShield(ActionMap):
             group_radius=group_radius,
             checks_per_step=checks_per_step,
         )
-        if not (0.0 <= margin < math.inf and -math.inf < min_speed < max_speed < math.inf):
-            raise ValueError(
-                f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
-                "must satisfy min_speed < max_speed"
-            )
+        check_commands(margin, min_speed, max_speed)
         count = check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
         self.radius, self.margin, self.time_step = radius, margin, time_step
         self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)

@@ -11,7 +11,12 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.ops.dynamic_window import score_commands
-from navrl.ops.motion import check_descriptor_speeds, moving_points, sample_commands
+from navrl.ops.motion import (
+    check_commands,
+    check_descriptor_speeds,
+    moving_points,
+    sample_commands,
+)
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.observation_map import Keys
 from navrl.transforms.stall_timer import has_stalled
@@ -98,11 +103,7 @@ class Recovery(ActionMap):
             horizon_steps=horizon_steps,
             group_radius=group_radius,
         )
-        if not (0.0 <= margin < math.inf and -math.inf < min_speed < max_speed < math.inf):
-            raise ValueError(
-                f"margin={margin}: must be >= 0; min_speed={min_speed}, max_speed={max_speed}: "
-                "must satisfy min_speed < max_speed"
-            )
+        check_commands(margin, min_speed, max_speed)
         self.radius, self.margin, self.facing = radius, margin, facing
         self.time_step, self.patience, self.horizon_steps = time_step, patience, horizon_steps
         self.max_turn_rate, self.group_radius = max_turn_rate, group_radius
