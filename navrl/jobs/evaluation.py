@@ -85,22 +85,6 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     return summary
 
 
-def missing_data(cfg: DictConfig) -> str | None:
-    """Return why a suite of files cannot be played here; ``None`` if it can.
-
-    Raises:
-        ValueError: If a suite of files has no folder.
-    """
-    folder = cfg.suite.get("distribution", {}).get("folder")
-    if "folder" not in cfg.suite.get("distribution", {}):
-        return None
-    if folder is None:
-        raise ValueError(f"data=null: must be a folder for suite={cfg.suite.name}, docs/places.md")
-    if Path(folder).is_dir():
-        return None
-    return f"suite={cfg.suite.name}: skipped, data={folder} does not exist"
-
-
 def with_room(cfg: DictConfig, scenarios: Sequence[Scenario]) -> DictConfig:
     """Return the configuration with a simulator that has rows for all pedestrians."""
     count = max((len(scenario.pedestrians) for scenario in scenarios), default=0)

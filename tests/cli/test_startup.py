@@ -50,6 +50,7 @@ COMMANDS = [
     "train num_worlds=many",
     "evaluate suite=tabel1",
     "evaluate policy=papre",
+    "evaluate suite=places data=absent",
     "evaluate recordings=some",
     "evaluate policy=paper lidar.num_beams=720",
     "evaluate -m policy=papre,pape",
