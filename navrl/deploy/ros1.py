@@ -15,7 +15,9 @@ from navrl.deploy.ros_bridge import (
     PARAMETERS,
     Message,
     RosBridge,
+    check_parameters,
     diagnostic_values,
+    fill_twist,
     make_controller,
 )
 
@@ -43,8 +45,7 @@ class PolicyNode:
         self.rospy = rospy
         self.values = {k: rospy.get_param(f"~{k}", v) for k, v in PARAMETERS.items()}
         source, mount = self.values["pose_source"], tuple(self.values["mount"])
-        if source not in ("amcl_pose", "odometry"):
-            raise ValueError(f"pose_source={source}: must be one of amcl_pose, odometry in ROS 1")
+        check_parameters(self.values, ("amcl_pose", "odometry"))
         if any(map(math.isnan, mount)):
             raise ValueError("mount: must be three numbers (x, y, yaw) in ROS 1")
         self.control = make_controller(self.values, mount)
@@ -91,12 +92,8 @@ class PolicyNode:
         """Publish a command, m/s and rad/s; nothing in a dry run."""
         if self.values["dry_run"]:
             return
-        message = self._twist()
-        twist = message.twist if hasattr(message, "twist") else message
-        twist.linear.x, twist.angular.z = float(v), float(w)
-        if twist is not message:
-            message.header.stamp = self.rospy.Time.now()
-        self.commands.publish(message)
+        stamp, frame = self.rospy.Time.now(), self.values["robot_base_frame"]
+        self.commands.publish(fill_twist(self._twist(), v, w, stamp, frame))
 
     def report(self) -> None:
         """Publish the diagnostics."""

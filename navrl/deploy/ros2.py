@@ -17,7 +17,9 @@ from navrl.deploy.ros_bridge import (
     PARAMETERS,
     Message,
     RosBridge,
+    check_parameters,
     diagnostic_values,
+    fill_twist,
     make_controller,
     planar_yaw,
 )
@@ -73,16 +75,7 @@ class PolicyNode:
 
     def _declared(self) -> dict[str, Any]:
         values = {k: self.node.declare_parameter(k, v).value for k, v in PARAMETERS.items()}
-        sources = ("tf", "amcl_pose", "odometry")
-        if values["pose_source"] not in sources:
-            raise ValueError(
-                f"pose_source={values['pose_source']}: must be one of {', '.join(sources)}"
-            )
-        if not values["controller_frequency"] >= 10.0:
-            raise ValueError(
-                f"controller_frequency={values['controller_frequency']}: must be at least 10 Hz, "
-                "so that the robot stops within 0.1 s"
-            )
+        check_parameters(values, ("tf", "amcl_pose", "odometry"))
         return values
 
     def _needs_tf(self) -> bool:
@@ -182,13 +175,8 @@ class PolicyNode:
         """Publish a command, m/s and rad/s; nothing in a dry run."""
         if self.values["dry_run"]:
             return
-        message = self._twist()
-        twist = message.twist if hasattr(message, "twist") else message
-        twist.linear.x, twist.angular.z = float(v), float(w)
-        if twist is not message:
-            message.header.stamp = self.node.get_clock().now().to_msg()
-            message.header.frame_id = self.values["robot_base_frame"]
-        self.commands.publish(message)
+        stamp, frame = self.node.get_clock().now().to_msg(), self.values["robot_base_frame"]
+        self.commands.publish(fill_twist(self._twist(), v, w, stamp, frame))
 
     def stop(self) -> None:
         """Publish zero several times, before the node ends."""

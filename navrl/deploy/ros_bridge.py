@@ -60,6 +60,38 @@ PARAMETERS: dict[str, Any] = {
 """Parameters of both nodes with their defaults; docs/robots.md describes them."""
 
 
+_MIN_FREQUENCY_HZ = 10.0  # so that the robot stops within 0.1 s
+
+
+def check_parameters(parameters: dict[str, Any], sources: tuple[str, ...]) -> None:
+    """Check the source of the pose and the frequency.
+
+    Args:
+        parameters: Values of :data:`PARAMETERS`.
+        sources: Values of ``pose_source`` that the node has.
+
+    Raises:
+        ValueError: If a parameter is not allowed; the message names it.
+    """
+    source, frequency = parameters["pose_source"], parameters["controller_frequency"]
+    if source not in sources:
+        raise ValueError(f"pose_source={source}: must be one of {', '.join(sources)}")
+    if not frequency >= _MIN_FREQUENCY_HZ:
+        raise ValueError(
+            f"controller_frequency={frequency}: must be at least {_MIN_FREQUENCY_HZ:g} Hz, so that "
+            "the robot stops within 0.1 s"
+        )
+
+
+def fill_twist(message: Message, v: float, w: float, stamp: Message, frame: str) -> Message:
+    """Write a command, m/s and rad/s, into a Twist or TwistStamped, and return it."""
+    twist = message.twist if hasattr(message, "twist") else message
+    twist.linear.x, twist.angular.z = float(v), float(w)
+    if twist is not message:
+        message.header.stamp, message.header.frame_id = stamp, frame
+    return message
+
+
 def make_controller(parameters: dict[str, Any], mount: tuple[float, float, float]) -> Controller:
     """Return the controller of a node, warmed up.
 

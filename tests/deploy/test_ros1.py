@@ -111,6 +111,7 @@ def test_dry_run_sends_nothing():
     ("changes", "message"),
     [
         ({"pose_source": "tf"}, "pose_source=tf: must be one of amcl_pose, odometry"),
+        ({"controller_frequency": 2.0}, "controller_frequency=2.0: must be at least 10 Hz"),
         ({"mount": [float("nan")] * 3}, "mount: must be three numbers"),
     ],
 )
