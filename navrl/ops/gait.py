@@ -8,6 +8,15 @@ at p = 0; from 0.6 to 1.4 it swings to the next position, two steps ahead. The p
 foot is one step ahead of that of the left one.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Speed = TypeVar("Speed", float, "Tensor")
+
 STANCE = 0.6  # share of a stride in which a foot is planted, walking; Winter 2009
 STEP_LENGTH_M = 0.4625  # m at speed 0, Seitz and Koester 2012, Fig. 2
 STEP_LENGTH_PER_SPEED = 0.2345  # m per m/s, the same regression
@@ -16,8 +25,8 @@ MAX_STRIDE = 0.63  # step lengths from the body's center to that of a foot, at t
 MAX_FOOT_REACH_M = 1.0  # m from the body's center to the far side of a leg, up to 3 m/s
 
 
-def step_length(speed: float) -> float:
-    """Return the length of a step in m at a walking speed in m/s.
+def step_length(speed: Speed) -> Speed:
+    """Return the length of a step in m at a walking speed in m/s, a number or a tensor.
 
     Example:
         >>> round(step_length(1.0), 3)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from navrl.ops.gait import STEP_LENGTH_M, STEP_LENGTH_PER_SPEED
+from navrl.ops.gait import step_length
 
 if TYPE_CHECKING:
     from navrl.sim.state import SimState
@@ -101,9 +101,7 @@ def step_moves(states: Tensor, targets: Tensor, duration_s: float) -> Tensor:
     walked = torch.sqrt(x * x + y * y)
     is_still = walked < _SMALLEST_STEP
     yaw = torch.where(is_still, states[..., 4], torch.atan2(y, x))
-    length = torch.where(
-        is_still, states[..., 6], STEP_LENGTH_M + STEP_LENGTH_PER_SPEED * walked / duration_s
-    )
+    length = torch.where(is_still, states[..., 6], step_length(walked / duration_s))
     phase = states[..., 5]
     phase_after = torch.where(is_still, phase, phase + walked / length)
     gait = torch.stack((yaw, phase, phase_after, length), dim=-1)

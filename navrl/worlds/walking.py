@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from navrl.ops.gait import STEP_LENGTH_M, STEP_LENGTH_PER_SPEED
+from navrl.ops.gait import step_length
 
 if TYPE_CHECKING:
     from navrl.worlds.batch import ScenarioBatch
@@ -61,7 +61,7 @@ def _on_routes(batch: ScenarioBatch, time_s: Tensor) -> Tensor:
     sign = torch.where(returning, -1.0, 1.0).double()
     yaw = torch.atan2(sign * step[..., 1], sign * step[..., 0])
     yaw = torch.where(batch.ped_static | (size == 0), 0.0, yaw)
-    steps = _step_length(batch.ped_speed).masked_fill(batch.ped_static, 0.0)
+    steps = step_length(batch.ped_speed).masked_fill(batch.ped_static, 0.0)
     gait = torch.where(batch.ped_static, 0.0, traveled / steps)
     columns = (position, batch.ped_half, yaw[..., None], gait[..., None], steps[..., None])
     return torch.cat(columns, dim=-1)
@@ -99,7 +99,7 @@ def track_gaits(positions: Tensor, times: Tensor) -> Tensor:
     step, span = positions.diff(dim=-2), times.diff(dim=-1)
     walked = torch.sqrt(step[..., 0] ** 2 + step[..., 1] ** 2)
     moves = (walked > 1e-6) & (span > 0.0)
-    length = _step_length(walked / torch.where(span > 0.0, span, 1.0))
+    length = step_length(walked / torch.where(span > 0.0, span, 1.0))
     taken = torch.where(moves, walked / length, 0.0)
     phase = torch.nn.functional.pad(taken.cumsum(-1), (1, 0))
     yaw = torch.atan2(step[..., 1], step[..., 0])
@@ -118,8 +118,3 @@ def _held(values: Tensor, valid: Tensor) -> Tensor:
     chosen = torch.where(last < 0, first, last).clamp_max(values.shape[-1] - 1)
     held = torch.where(valid, values, 0.0).gather(-1, chosen)
     return torch.cat((held, held[..., -1:]), dim=-1)
-
-
-def _step_length(speed: Tensor) -> Tensor:
-    """Return the lengths of steps at speeds, as :func:`navrl.ops.gait.step_length`."""
-    return STEP_LENGTH_M + STEP_LENGTH_PER_SPEED * speed

@@ -205,7 +205,7 @@ class PlaceDistribution:
 
 
 class _Floor(NamedTuple):
-    """Where robots and pedestrians of a place can be.
+    """Map and free cells of a place.
 
     Args:
         grid: Map for paths.
