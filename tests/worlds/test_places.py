@@ -187,6 +187,20 @@ def test_episodes_of_places_are_reproducible_and_clear(tmp_path):
     assert int(batch.box_is_disc[0].sum()) == 2
 
 
+def test_starts_and_goals_have_the_goal_clearance(tmp_path):
+    places = PlaceDistribution(str(place_folder(tmp_path)), goal_clearance=0.5)
+    for index in range(2, 26, 3):  # in the hall, which has no start of its own
+        scenario = places.sample("mine", 3, index)
+        ends = np.stack([scenario.start[:2], scenario.goal])
+        assert places.map_of(2).distance(ends).min() >= 0.5 - 1e-6
+
+
+def test_goal_clearance_beyond_the_map_is_rejected(tmp_path):
+    folder = str(place_folder(tmp_path))
+    with pytest.raises(ValueError, match="goal_clearance=0.7: must be <= comfort=0.6"):
+        PlaceDistribution(folder, goal_clearance=0.7)
+
+
 def test_episodes_do_not_depend_on_the_number_of_processes(tmp_path):
     suite = Suite("mine", 3, 33, PlaceDistribution(str(place_folder(tmp_path))))
     assert suite.hash(suite.scenarios(num_workers=2)) == suite.hash()

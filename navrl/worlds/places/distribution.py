@@ -74,6 +74,8 @@ class PlaceDistribution:
             least = 0 if name == "num_walkers" else 1e-6
             if len(bounds) != 2 or not least <= bounds[0] <= bounds[1] < np.inf:
                 raise ValueError(f"{name}={list(bounds)}: must be two numbers, min <= max")
+        if goal_clearance > comfort:
+            raise ValueError(f"goal_clearance={goal_clearance}: must be <= comfort={comfort} m")
         if body not in BODIES:
             raise ValueError(f"body={body!r}: must be one of {', '.join(BODIES)}")
         self.sha256 = folder_hash(folder)
