@@ -197,7 +197,7 @@ def test_starts_and_goals_have_the_goal_clearance(tmp_path):
 
 def test_goal_clearance_beyond_the_map_is_rejected(tmp_path):
     folder = str(place_folder(tmp_path))
-    with pytest.raises(ValueError, match="goal_clearance=0.7: must be <= comfort=0.6"):
+    with pytest.raises(ValueError, match=r"goal_clearance=0\.7: must be <= comfort=0\.6"):
         PlaceDistribution(folder, goal_clearance=0.7)
 
 
