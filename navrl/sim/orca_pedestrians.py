@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from navrl.checks import check_positive
+from navrl.sim.draws import Uniform, draw
 from navrl.sim.rvo import corners, import_rvo
 from navrl.sim.walkers import RouteWalkers
 
@@ -34,6 +35,8 @@ class OrcaPedestrians(RouteWalkers):
         wall_horizon: Time within which contacts with walls are avoided, s.
         sidestep: Angle by which the preferred velocity is turned, rad, which resolves encounters
             head-on.
+        share: Share of the episodes in which pedestrians react, drawn from each scenario's
+            ``noise_seed``; in the others they follow their routes.
 
     Raises:
         ImportError: If ``pyrvo`` is not installed.
@@ -52,6 +55,7 @@ class OrcaPedestrians(RouteWalkers):
         time_horizon: float = 2.0,
         wall_horizon: float = 0.5,
         sidestep: float = 0.05,
+        share: float = 1.0,
     ) -> None:
         """Check the values."""
         super().__init__()
@@ -62,15 +66,20 @@ class OrcaPedestrians(RouteWalkers):
             raise ValueError(f"margin={margin}: must be >= 0 m")
         if not abs(sidestep) < math.pi / 2:
             raise ValueError(f"sidestep={sidestep}: must be within +-pi/2 rad")
+        if not 0 <= share <= 1:
+            raise ValueError(f"share={share}: must be in [0, 1]")
         self._rvo = import_rvo("pedestrians=orca")
         self.sees_robot, self.robot_radius, self.margin = sees_robot, robot_radius, margin
         self.time_horizon, self.wall_horizon = time_horizon, wall_horizon
-        self.sidestep = sidestep
+        self.sidestep, self.share = sidestep, share
         self._worlds: dict[int, RVOSimulator] = {}
 
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Start episodes; see :meth:`navrl.sim.PedestrianModel.reset`."""
         super().reset(worlds, scenarios)
+        if self.share < 1.0:
+            drawn = draw("reacts", Uniform(0.0, 1.0), scenarios.noise_seed)
+            self.rows["walks"][worlds.cpu()] &= (drawn < self.share).cpu()[:, None]
         for world in worlds.tolist():
             self._worlds.pop(world, None)
 
@@ -104,7 +113,7 @@ class OrcaPedestrians(RouteWalkers):
         )
         found = torch.zeros_like(place)
         for world, row in enumerate(zip(*values, strict=True)):
-            if row[0]:
+            if row[0] and any(row[-1]):
                 simulation = self._simulation(world, rows, duration_s)
                 found[world] = torch.tensor(self._solve(simulation, *row[1:]), dtype=found.dtype)
         return found

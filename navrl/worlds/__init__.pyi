@@ -9,12 +9,21 @@ from .layout import Layout, World
 from .office import Office
 from .places.barn import load_barn
 from .places.distribution import PlaceDistribution
+from .places.episodes import PlaceEpisodes
 from .places.folder import folder_hash, load_places
 from .places.igibson import load_igibson
 from .places.place import FreeRegion, Place
 from .places.scene import load_scene
 from .places.tracks import load_tracks
 from .pool import ScenarioPool
+from .rooms.distribution import (
+    GeneratedPlaces,
+    MixedDistribution,
+    PlaceGenerator,
+    WeightedDistribution,
+)
+from .rooms.flat import Flat
+from .rooms.hall import Hall
 from .scenario import MAX_PATH_POINTS, MAX_ROUTE_POINTS, Pedestrian, Scenario
 from .suite import Suite
 from .walking import pedestrian_boxes, pedestrian_states, track_gaits
@@ -25,20 +34,27 @@ __all__ = [
     "CardSet",
     "ClearanceMap",
     "Corridor",
+    "Flat",
     "FreeRegion",
     "FrozenEpisodes",
     "FrozenSuiteError",
+    "GeneratedPlaces",
+    "Hall",
     "Intersection",
     "Layout",
+    "MixedDistribution",
     "Office",
     "Pedestrian",
     "Place",
     "PlaceDistribution",
+    "PlaceEpisodes",
+    "PlaceGenerator",
     "Scenario",
     "ScenarioBatch",
     "ScenarioDistribution",
     "ScenarioPool",
     "Suite",
+    "WeightedDistribution",
     "WeightedWorld",
     "World",
     "folder_hash",

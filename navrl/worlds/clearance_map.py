@@ -71,6 +71,7 @@ class ClearanceMap:
             self._lower(box[:2], half, lambda at, box=box: _to_box(at, box))
         for disc in self.discs:
             self._lower(disc[:2], disc[2], lambda at, disc=disc: _to_disc(at, disc))
+        self._searches: dict[int, tuple[np.ndarray, MCP_Geometric]] = {}
         self.regions = np.asarray(label(self.clearance >= clearance, connectivity=1))
 
     def _lower(
@@ -128,13 +129,23 @@ class ClearanceMap:
 
     def _route(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return the centers of the cells of the cheapest route."""
-        span = self.comfort - self.min_clearance
-        share = ((self.comfort - self.clearance) / span).clip(0.0, 1.0)
-        costs = np.where(self.clearance >= self.min_clearance, 1.0 + self.weight * share**2, -1.0)
-        first, last = tuple(self.index(start)), tuple(self.index(goal))
-        search = MCP_Geometric(costs)
-        search.find_costs([first], [last])
-        return self.origin + (np.array(search.traceback(last)) + 0.5) * self.cell
+        first, last = self.index(start), self.index(goal)
+        low, search = self._search(int(self.regions[tuple(first)]))
+        search.find_costs([tuple(first - low)], [tuple(last - low)])
+        cells = np.array(search.traceback(tuple(last - low))) + low
+        return self.origin + (cells + 0.5) * self.cell
+
+    def _search(self, region: int) -> tuple[np.ndarray, MCP_Geometric]:
+        """Return the search in the bounding rectangle of a region, and its first cell ``[2]``."""
+        if region not in self._searches:
+            rows, columns = np.nonzero(self.regions == region)
+            low = np.array([rows.min(), columns.min()])
+            part = self.clearance[low[0] : rows.max() + 1, low[1] : columns.max() + 1]
+            span = self.comfort - self.min_clearance
+            share = ((self.comfort - part) / span).clip(0.0, 1.0)
+            costs = np.where(part >= self.min_clearance, 1.0 + self.weight * share**2, -1.0)
+            self._searches[region] = low, MCP_Geometric(costs)
+        return self._searches[region]
 
     def _smooth(self, points: np.ndarray) -> np.ndarray:
         """Return the moving average of a polyline, as far as it keeps the clearance."""

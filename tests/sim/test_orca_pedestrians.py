@@ -8,7 +8,7 @@ import torch
 from scenes import pack, scene, walker
 
 from navrl.sim import BatchedSimulator, Contact, DifferentialDrive, Lidar, OrcaPedestrians
-from navrl.worlds import Pedestrian
+from navrl.worlds import Pedestrian, ScenarioBatch
 
 pytest.importorskip("pyrvo")
 
@@ -104,3 +104,22 @@ def test_values_out_of_range_raise():
         OrcaPedestrians(margin=-0.1)
     with pytest.raises(ValueError, match="time_horizon=0"):
         OrcaPedestrians(time_horizon=0)
+
+
+def test_share_of_episodes_reacts_and_the_others_follow_their_routes():
+    scenes = [dataclasses.replace(ONCOMING, noise_seed=seed) for seed in range(40)]
+    model = OrcaPedestrians(share=0.5)
+    lidar = Lidar(num_beams=8, noise="none")
+    sim = BatchedSimulator(40, DifferentialDrive(), lidar, pedestrians=model, max_pedestrians=4)
+    sim.reset(torch.arange(40), ScenarioBatch.pack(scenes))
+    for _ in range(20):
+        state = sim.step(torch.zeros(40, 2))
+    follows = state.contact == Contact.HIT_BY_PEDESTRIAN
+    scripted = model.rows["walks"][:, 0].logical_not()
+    assert torch.equal(follows, scripted)
+    assert 10 <= int(follows.sum()) <= 30
+
+
+def test_share_beyond_one_is_rejected():
+    with pytest.raises(ValueError, match=r"share=1\.5: must be in \[0, 1\]"):
+        OrcaPedestrians(share=1.5)

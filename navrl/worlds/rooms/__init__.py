@@ -1,0 +1,1 @@
+"""Procedural places: furnished flats and open halls."""
