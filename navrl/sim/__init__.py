@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from navrl.sim.batched import BatchedSimulator
     from navrl.sim.bullet import BulletSimulator
     from navrl.sim.orca_pedestrians import OrcaPedestrians
+    from navrl.sim.social_force import SocialForcePedestrians
 
 __all__ = [
     "BatchedSimulator",
@@ -37,6 +38,7 @@ __all__ = [
     "ScriptedRoutes",
     "SimState",
     "Simulator",
+    "SocialForcePedestrians",
     "Uniform",
 ]
 
@@ -44,6 +46,7 @@ _LAZY = {
     "BatchedSimulator": "navrl.sim.batched",
     "BulletSimulator": "navrl.sim.bullet",
     "OrcaPedestrians": "navrl.sim.orca_pedestrians",
+    "SocialForcePedestrians": "navrl.sim.social_force",
 }
 
 

@@ -62,11 +62,11 @@ class LogUniform(Uniform):
 
     def quantile(self, share: Tensor) -> Tensor:
         """Return the quantiles at shares [*B] float64 in [0, 1], equal on all devices."""
-        value = self.low * _exp(share.double() * math.log(self.high / self.low))
+        value = self.low * exp(share.double() * math.log(self.high / self.low))
         return value.clamp(self.low, self.high)
 
 
-def _exp(x: Tensor) -> Tensor:
+def exp(x: Tensor) -> Tensor:
     """Return e^x, relative error below 1e-9 for 0 <= x <= 10.
 
     The result is equal on all devices and in any batch, because additions and multiplications are

@@ -108,7 +108,7 @@ class ScenarioPool:
 def _fingerprint(suite: Suite) -> str:
     """Return a hash of a few of the suite's scenarios and of the generating source code."""
     source = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
+    for file in sorted(Path(__file__).parent.rglob("*.py")):
         source.update(file.read_bytes())
     few = [int(k) for k in np.linspace(0, suite.num_episodes - 1, min(suite.num_episodes, 8))]
     return f"{suite.num_episodes}-{suite.hash(suite.scenarios(few))}-{source.hexdigest()}"

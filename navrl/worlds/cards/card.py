@@ -39,9 +39,11 @@ class CardSet:
     Args:
         cards: Card by name; ``None`` removes one.
         half_size: Half sides of every pedestrian's cuboid, m.
+        body: Body of every pedestrian, see :class:`navrl.worlds.Pedestrian`.
 
     Raises:
-        ValueError: If there is no card, or a size is not positive.
+        ValueError: If there is no card, or a size is not positive; when an episode is drawn, if the
+            body does not exist or needs two equal sizes.
 
     Reference:
         Francis et al., "Principles and Guidelines for Evaluating Social Robot Navigation
@@ -50,14 +52,17 @@ class CardSet:
     """
 
     def __init__(
-        self, cards: Mapping[str, Card | None], half_size: Sequence[float] = (0.15, 0.15)
+        self,
+        cards: Mapping[str, Card | None],
+        half_size: Sequence[float] = (0.15, 0.15),
+        body: str = "box",
     ) -> None:
         self.cards = [card for card in cards.values() if card is not None]
         if not self.cards:
             raise ValueError("cards={}: must have at least one")
         if len(half_size) != 2 or not min(half_size) > 0:
             raise ValueError(f"half_size={list(half_size)}: must be two lengths > 0 m")
-        self.half_size = tuple(half_size)
+        self.half_size, self.body = tuple(half_size), body
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return scenario ``index``; the same arguments always give the same one."""
@@ -79,7 +84,8 @@ class CardSet:
             goal=path[-1] * mirror,
             path=path * mirror,
             pedestrians=tuple(
-                replace(p, route=p.route * mirror, half_size=self.half_size) for p in people
+                replace(p, route=p.route * mirror, half_size=self.half_size, body=self.body)
+                for p in people
             ),
             noise_seed=int(generator.integers(2**32)),
         )
