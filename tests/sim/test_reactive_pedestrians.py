@@ -159,7 +159,7 @@ def test_acceleration_at_contact_and_at_one_reach():
         assert push[0, 0].tolist() == pytest.approx([wanted, 0.0])
 
 
-def test_share_of_episodes_reacts_and_the_others_follow_their_routes():
+def test_share_of_episodes_has_reactive_pedestrians():
     pytest.importorskip("pyrvo")
     scenes = [dataclasses.replace(ONCOMING, noise_seed=seed) for seed in range(40)]
     model = OrcaPedestrians(share=0.5)

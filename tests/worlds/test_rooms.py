@@ -116,7 +116,7 @@ def test_episodes_of_a_place_share_it_and_the_next_has_another():
     assert again.sample("other", 3, 7).to_json() != episodes[7].to_json()
 
 
-def test_paths_keep_the_clearance_and_walkers_meet_the_robot_path():
+def test_paths_are_clear_and_walkers_meet_them():
     places = GeneratedPlaces(Hall(), num_walkers=(4, 4), meeting=1.0)
     for index in range(4):
         scenario = places.sample("mine", 0, index)

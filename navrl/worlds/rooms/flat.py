@@ -40,8 +40,8 @@ class Flat:
 
     Example:
         >>> place = Flat().place(np.random.default_rng(0), "flat")
-        >>> sorted(set(place.furniture_names))[:3]
-        ['bed', 'box', 'chair']
+        >>> {"table", "chair"} <= set(place.furniture_names)
+        True
     """
 
     kind = "furnished"
@@ -66,7 +66,7 @@ class Flat:
         for name, bounds in (("density", density), ("tables", tables), ("clutter", clutter)):
             if not 0 <= bounds[0] <= bounds[1]:
                 raise ValueError(f"{name}={list(bounds)}: must be 0 <= low <= high")
-        self.room_area, self.density = room_area, tuple(density)
+        self.room_area, self.density = room_area, (density[0], density[1])
         self.tables, self.clutter = tuple(tables), tuple(clutter)
 
     def place(self, generator: np.random.Generator, name: str) -> Place:
