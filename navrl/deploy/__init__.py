@@ -3,6 +3,7 @@
 from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.control_status import Command, ControlStatus
 from navrl.deploy.controller import Controller
+from navrl.deploy.map_planner import MapPlanner
 from navrl.deploy.runner import PolicyRunner
 from navrl.deploy.safety import DriveState, SafetyLimits, ScanCheck
 from navrl.deploy.scan_adapter import AdaptedScan, adapt_scan, load_scanner
@@ -16,6 +17,7 @@ __all__ = [
     "ControlStatus",
     "Controller",
     "DriveState",
+    "MapPlanner",
     "PolicyRunner",
     "SafetyLimits",
     "ScanCheck",

@@ -11,17 +11,19 @@ import sys
 import threading
 import time
 
+import numpy as np
+
 from navrl.deploy.ros_bridge import (
-    PARAMETERS,
     Message,
     RosBridge,
-    check_parameters,
     diagnostic_values,
+    fill_path,
     fill_twist,
-    make_controller,
 )
+from navrl.deploy.ros_parameters import PARAMETERS, check_parameters, make_controller, make_planner
 
 _STOP_MESSAGES, _STOP_PAUSE_S = 5, 0.02
+_DEFAULTS = {**PARAMETERS, "goal_topic": "move_base_simple/goal"}  # that of RViz of ROS 1
 
 
 class PolicyNode:
@@ -38,12 +40,12 @@ class PolicyNode:
         """Read the parameters and create the topics."""
         from diagnostic_msgs.msg import DiagnosticArray
         from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
-        from nav_msgs.msg import Odometry, Path
+        from nav_msgs.msg import Odometry
         from sensor_msgs.msg import LaserScan
         from std_msgs.msg import Bool
 
         self.rospy = rospy
-        self.values = {k: rospy.get_param(f"~{k}", v) for k, v in PARAMETERS.items()}
+        self.values = {k: rospy.get_param(f"~{k}", v) for k, v in _DEFAULTS.items()}
         source, mount = self.values["pose_source"], tuple(self.values["mount"])
         check_parameters(self.values, ("amcl_pose", "odometry"))
         if any(map(math.isnan, mount)):
@@ -53,6 +55,7 @@ class PolicyNode:
             self.control,
             self.values["global_frame"],
             lambda text: rospy.logwarn_throttle(1.0, text),
+            make_planner(self.values, self.control, self._publish_path),
         )
         self._twist = TwistStamped if self.values["enable_stamped_cmd_vel"] else Twist
         name = self.values["cmd_vel_topic"]
@@ -62,11 +65,31 @@ class PolicyNode:
         listen = rospy.Subscriber
         listen(topic("scan_topic"), LaserScan, bridge.on_scan, queue_size=1)
         listen(topic("odom_topic"), Odometry, self._on_odometry, queue_size=10)
-        listen(topic("plan_topic"), Path, bridge.on_path, queue_size=1)
+        self._listen_for_paths()
         listen(topic("emergency_stop_topic"), Bool, bridge.on_emergency_stop, queue_size=1)
         if source == "amcl_pose":
             kind = PoseWithCovarianceStamped
             listen(topic("pose_topic"), kind, bridge.on_pose, queue_size=1)
+
+    def _listen_for_paths(self) -> None:
+        """Subscribe to paths, or to a map and goals; then the paths are published."""
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import OccupancyGrid, Path
+
+        listen, topic, bridge = self.rospy.Subscriber, self.values.__getitem__, self.bridge
+        if topic("path_source") == "plan":
+            listen(topic("plan_topic"), Path, bridge.on_path, queue_size=1)
+            return
+        self._plans = self.rospy.Publisher(topic("plan_topic"), Path, queue_size=1, latch=True)
+        listen(topic("map_topic"), OccupancyGrid, bridge.on_map, queue_size=1)
+        listen(topic("goal_topic"), PoseStamped, bridge.on_goal, queue_size=1)
+
+    def _publish_path(self, path: np.ndarray) -> None:
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import Path
+
+        stamp, frame = self.rospy.Time.now(), self.values["global_frame"]
+        self._plans.publish(fill_path(Path(), PoseStamped, path, stamp, frame))
 
     def _on_odometry(self, message: Message) -> None:
         self.bridge.on_odometry(message)
@@ -80,6 +103,8 @@ class PolicyNode:
             while not stopping.wait(period):
                 v, w, _ = self.control.tick(self.rospy.get_time())
                 self.send(v, w)
+                if self.bridge.planner is not None:
+                    self.bridge.planner.poll()  # after the command: zero is out before it plans
                 count += 1
                 if count % max(1, round(1.0 / period)) == 0:
                     self.report()
@@ -101,7 +126,7 @@ class PolicyNode:
 
         if self.control.status is None:
             return
-        level, text, values = diagnostic_values(self.control.status)
+        level, text, values = diagnostic_values(self.control.status, self.bridge.planner)
         entry = DiagnosticStatus(level=level, name="navrl", message=text)
         entry.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         message = DiagnosticArray(status=[entry])

@@ -10,20 +10,22 @@ import math
 import signal
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from navrl.deploy.controller import Controller
 from navrl.deploy.ros_bridge import (
-    PARAMETERS,
     Message,
     RosBridge,
-    check_parameters,
     diagnostic_values,
+    fill_path,
     fill_twist,
-    make_controller,
-    planar_yaw,
 )
 from navrl.deploy.ros_markers import attention_spheres, group_arrows
+from navrl.deploy.ros_parameters import PARAMETERS, check_parameters, make_controller, make_planner
+from navrl.worlds.places.occupancy_map import planar_yaw
 
 _STOP_MESSAGES = 5  # best-effort links lose some
 _STOP_PAUSE_S = 0.02
@@ -39,7 +41,7 @@ class PolicyNode:
     def __init__(self, node: Message) -> None:
         """Declare the parameters and create the topics."""
         from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
-        from nav_msgs.msg import Odometry, Path
+        from nav_msgs.msg import Odometry
         from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
         from sensor_msgs.msg import LaserScan
         from std_msgs.msg import Bool
@@ -49,6 +51,7 @@ class PolicyNode:
         self.tf = self._transform_buffer() if self._needs_tf() else None
         self.control: Controller | None = None
         self.bridge: RosBridge | None = None
+        self._latest: dict[str, Message] = {}  # of path, map and goal, until there is a bridge
         given = tuple(self.values["mount"])
         if not any(map(math.isnan, given)):
             self._build(given)
@@ -62,16 +65,29 @@ class PolicyNode:
         self._subscriptions = [
             listen(LaserScan, topic("scan_topic"), self._on_scan, sensor),
             listen(Odometry, topic("odom_topic"), self._on_odometry, sensor),
-            listen(Path, topic("plan_topic"), self._on_path, 1),
+            *self._path_inputs(latched),
             listen(Bool, topic("emergency_stop_topic"), self._on_emergency_stop, 1),
         ]
         if topic("pose_source") == "amcl_pose":
             kind, name = PoseWithCovarianceStamped, topic("pose_topic")
             self._subscriptions.append(listen(kind, name, self._on_pose, latched))
         self._is_stopped = False
-        self._path: Any = None
         self._timer = node.create_timer(1.0 / topic("controller_frequency"), self.tick)
         self._reporter = node.create_timer(1.0, self._report)
+
+    def _path_inputs(self, latched: Message) -> list[Message]:
+        """Subscribe to paths, or to a map and goals; then the paths are published."""
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import OccupancyGrid, Path
+
+        listen, topic = self.node.create_subscription, self.values.__getitem__
+        if topic("path_source") == "plan":
+            return [listen(Path, topic("plan_topic"), self._storing("on_path"), 1)]
+        self._plans = self.node.create_publisher(Path, topic("plan_topic"), latched)
+        return [
+            listen(OccupancyGrid, topic("map_topic"), self._storing("on_map"), latched),
+            listen(PoseStamped, topic("goal_topic"), self._storing("on_goal"), 1),
+        ]
 
     def _declared(self) -> dict[str, Any]:
         values = {k: self.node.declare_parameter(k, v).value for k, v in PARAMETERS.items()}
@@ -96,14 +112,16 @@ class PolicyNode:
     def _build(self, mount: tuple[float, float, float]) -> None:
         self.control = make_controller(self.values, mount)
         warn = self.node.get_logger().warning
-        frame = self.values["global_frame"]
         self.bridge = RosBridge(
-            self.control, frame, lambda text: warn(text, throttle_duration_sec=1.0)
+            self.control,
+            self.values["global_frame"],
+            lambda text: warn(text, throttle_duration_sec=1.0),
+            make_planner(self.values, self.control, self._publish_path),
         )
         if getattr(self, "_is_stopped", False):
             self.control.emergency_stop()
-        if getattr(self, "_path", None) is not None:
-            self.bridge.on_path(self._path)
+        for name, message in self._latest.items():
+            getattr(self.bridge, name)(message)
 
     # --- inputs ----------------------------------------------------------------------------------
 
@@ -126,10 +144,16 @@ class PolicyNode:
         if self.bridge is not None:
             self.bridge.on_pose(message)
 
-    def _on_path(self, message: Message) -> None:
-        self._path = message
-        if self.bridge is not None:
-            self.bridge.on_path(message)
+    def _storing(self, name: str) -> Callable[[Message], None]:
+        """Return a callback that gives a message to the bridge, or stores it until there is one."""
+
+        def receive(message: Message) -> None:
+            if self.bridge is None:
+                self._latest[name] = message
+            else:
+                getattr(self.bridge, name)(message)
+
+        return receive
 
     def _on_emergency_stop(self, message: Message) -> None:
         self._is_stopped = bool(message.data)
@@ -169,6 +193,8 @@ class PolicyNode:
                     self.node.get_logger().warning(f"tf: {error}", throttle_duration_sec=1.0)
         v, w, _ = self.control.tick(self.node.get_clock().now().nanoseconds * 1e-9)
         self.send(v, w)
+        if self.bridge is not None and self.bridge.planner is not None:
+            self.bridge.planner.poll()  # after the command, so that zero is out before it plans
         self._mark()
 
     def send(self, v: float, w: float) -> None:
@@ -177,6 +203,13 @@ class PolicyNode:
             return
         stamp, frame = self.node.get_clock().now().to_msg(), self.values["robot_base_frame"]
         self.commands.publish(fill_twist(self._twist(), v, w, stamp, frame))
+
+    def _publish_path(self, path: np.ndarray) -> None:
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import Path
+
+        stamp, frame = self.node.get_clock().now().to_msg(), self.values["global_frame"]
+        self._plans.publish(fill_path(Path(), PoseStamped, path, stamp, frame))
 
     def stop(self) -> None:
         """Publish zero several times, before the node ends."""
@@ -200,7 +233,8 @@ class PolicyNode:
         status = self.control.status if self.control is not None else None
         if status is None:
             return
-        level, text, values = diagnostic_values(status)
+        planner = self.bridge.planner if self.bridge is not None else None
+        level, text, values = diagnostic_values(status, planner)
         entry = DiagnosticStatus(level=bytes([level]), name=self.node.get_name(), message=text)
         entry.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         message = DiagnosticArray(status=[entry])

@@ -12,6 +12,8 @@ from .places.distribution import PlaceDistribution
 from .places.episodes import PlaceEpisodes
 from .places.folder import folder_hash, load_places
 from .places.igibson import load_igibson
+from .places.map_file import load_map, load_occupancy_map
+from .places.occupancy_map import OccupancyMap
 from .places.place import FreeRegion, Place
 from .places.scene import load_scene
 from .places.tracks import load_tracks
@@ -43,6 +45,7 @@ __all__ = [
     "Intersection",
     "Layout",
     "MixedDistribution",
+    "OccupancyMap",
     "Office",
     "Pedestrian",
     "Place",
@@ -62,6 +65,8 @@ __all__ = [
     "frozen_names",
     "load_barn",
     "load_igibson",
+    "load_map",
+    "load_occupancy_map",
     "load_places",
     "load_scene",
     "load_tracks",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from skimage.graph import MCP_Geometric
@@ -31,6 +30,8 @@ class ClearanceMap:
         weight: Extra cost at ``clearance``.
         cell: Size of a grid cell, m.
         margin: Free space around the obstacles, m.
+        is_tight: Whether ``margin`` counts from the obstacles' sides, for obstacles around which
+            there is nothing to plan; otherwise from the circles around them.
 
     Raises:
         ValueError: If there are no obstacles, a value is not positive or ``comfort`` not larger
@@ -52,6 +53,7 @@ class ClearanceMap:
         weight: float = 3.0,
         cell: float = 0.05,
         margin: float = 1.0,
+        is_tight: bool = False,
     ) -> None:
         """Compute the clearance of all cells."""
         check_positive(clearance=clearance, weight=weight, cell=cell, margin=margin)
@@ -61,32 +63,34 @@ class ClearanceMap:
             raise ValueError("boxes=[], discs=[]: must have at least one obstacle")
         self.boxes, self.discs = np.asarray(boxes, float), np.asarray(discs, float)
         self.min_clearance, self.comfort, self.weight, self.cell = clearance, comfort, weight, cell
-        reach = np.concatenate([np.linalg.norm(self.boxes[:, 2:4], axis=1), self.discs[:, 2]])
-        center = np.concatenate([self.boxes[:, :2], self.discs[:, :2]])
-        self.origin = (center - reach[:, None]).min(0) - margin
-        size = (center + reach[:, None]).max(0) + margin - self.origin
+        radius = np.concatenate([np.linalg.norm(self.boxes[:, 2:4], axis=1), self.discs[:, 2]])
+        self._centers = center = np.concatenate([self.boxes[:, :2], self.discs[:, :2]])
+        self._extents = _extents(self.boxes, self.discs)
+        reach = self._extents if is_tight else radius[:, None]
+        self.origin = (center - reach).min(0) - margin
+        size = (center + reach).max(0) + margin - self.origin
         self.clearance = np.full(tuple(np.ceil(size / cell).astype(int)), comfort)
-        for box in self.boxes:
-            half = float(np.linalg.norm(box[2:4]))
-            self._lower(box[:2], half, lambda at, box=box: _to_box(at, box))
-        for disc in self.discs:
-            self._lower(disc[:2], disc[2], lambda at, disc=disc: _to_disc(at, disc))
+        for index in range(len(center)):
+            self._lower(index)
         self._searches: dict[int, tuple[np.ndarray, MCP_Geometric]] = {}
         self.regions = np.asarray(label(self.clearance >= clearance, connectivity=1))
 
-    def _lower(
-        self, center: np.ndarray, radius: float, distance: Callable[[np.ndarray], np.ndarray]
-    ) -> None:
+    def _lower(self, index: int) -> None:
         """Lower the clearance of the cells around an obstacle to their distance from it."""
-        reach = radius + self.comfort
+        center, reach = self._centers[index], self._extents[index] + self.comfort
         low = np.floor((center - reach - self.origin) / self.cell).astype(int).clip(0)
         high = np.ceil((center + reach - self.origin) / self.cell).astype(int) + 1
         part = self.clearance[low[0] : high[0], low[1] : high[1]]
-        x, y = (
-            self.origin[k] + (low[k] + np.arange(part.shape[k]) + 0.5) * self.cell for k in (0, 1)
-        )
-        at = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-        np.minimum(part, distance(at), out=part)
+        x = self.origin[0] + (low[0] + np.arange(part.shape[0]) + 0.5) * self.cell
+        y = self.origin[1] + (low[1] + np.arange(part.shape[1]) + 0.5) * self.cell
+        np.minimum(part, self._to(index, x[:, None], y[None]), out=part)
+
+    def _to(self, index: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the distances m from points (x, y) m to one obstacle, broadcast."""
+        count = len(self.boxes)
+        if index < count:
+            return _to_box(x, y, self.boxes[index])
+        return _to_disc(x, y, self.discs[index - count])
 
     def index(self, points: np.ndarray) -> np.ndarray:
         """Return the cells ``[*B, 2]`` of points ``[*B, 2]``, clipped to the grid."""
@@ -100,11 +104,25 @@ class ClearanceMap:
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return the exact distances ``[P]`` m from points ``[P, 2]`` to the obstacles."""
         found = np.full(len(points), np.inf)
-        for box in self.boxes:
-            np.minimum(found, _to_box(points, box), out=found)
-        for disc in self.discs:
-            np.minimum(found, _to_disc(points, disc), out=found)
+        for index in range(len(self._centers)):
+            np.minimum(found, self._to(index, *np.asarray(points).T), out=found)
         return found
+
+    def _smallest_distance(self, points: np.ndarray) -> float:
+        """Return the smallest exact distance of points ``[P, 2]``, at most ``comfort``, m.
+
+        Most points and obstacles are ruled out by the cells.
+        """
+        cells = np.floor((points - self.origin) / self.cell).astype(int)
+        inside = ((cells >= 0) & (cells < self.clearance.shape)).all(-1)
+        rough = self.clearance[tuple(self.index(points).T)]
+        slack = self.cell * math.sqrt(0.5) + 1e-9  # m from a point to the center of its cell
+        near = points[~inside | (rough <= rough.min() + 2.0 * slack)]
+        low = near.min(0) - self.comfort - self._extents
+        high = near.max(0) + self.comfort + self._extents
+        chosen = ((self._centers >= low) & (self._centers <= high)).all(-1)
+        distances = [float(self._to(int(k), *near.T).min()) for k in np.flatnonzero(chosen)]
+        return min([self.comfort, *distances])
 
     def connected(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Return whether there is a path between two points."""
@@ -159,22 +177,29 @@ class ClearanceMap:
             padded = np.concatenate([head, dense, tail])
             kernel = np.full(2 * half + 1, 1.0 / (2 * half + 1))
             rounded = np.stack([np.convolve(padded[:, k], kernel, "valid") for k in (0, 1)], axis=1)
-            kept = np.minimum(self.distance(dense), self.comfort).min()
-            if (self.distance(rounded) >= min(kept, self.min_clearance)).all():
+            kept = self._smallest_distance(dense)
+            if self._smallest_distance(rounded) >= min(kept, self.min_clearance):
                 return resample(rounded)
         return resample(dense)
 
 
-def _to_box(points: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Return distances ``[*B]`` m from points ``[*B, 2]`` to an oriented box."""
-    dx, dy = points[..., 0] - box[0], points[..., 1] - box[1]
+def _extents(boxes: np.ndarray, discs: np.ndarray) -> np.ndarray:
+    """Return half the size ``[W + D, 2]`` m of obstacles along x and y."""
+    cos, sin = np.abs(np.cos(boxes[:, 4])), np.abs(np.sin(boxes[:, 4]))
+    x, y = cos * boxes[:, 2] + sin * boxes[:, 3], sin * boxes[:, 2] + cos * boxes[:, 3]
+    return np.concatenate([np.stack([x, y], axis=-1), np.tile(discs[:, 2:], 2)])
+
+
+def _to_box(x: np.ndarray, y: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Return the distances m from points to an oriented box."""
+    dx, dy = x - box[0], y - box[1]
     cos, sin = math.cos(box[4]), math.sin(box[4])
-    along = (np.abs(cos * dx + sin * dy) - box[2]).clip(min=0.0)
-    across = (np.abs(cos * dy - sin * dx) - box[3]).clip(min=0.0)
+    along = np.maximum(np.abs(cos * dx + sin * dy) - box[2], 0.0)
+    across = np.maximum(np.abs(cos * dy - sin * dx) - box[3], 0.0)
     return np.sqrt(along * along + across * across)
 
 
-def _to_disc(points: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return distances ``[*B]`` m from points ``[*B, 2]`` to a disc."""
-    dx, dy = points[..., 0] - disc[0], points[..., 1] - disc[1]
-    return (np.sqrt(dx * dx + dy * dy) - disc[2]).clip(min=0.0)
+def _to_disc(x: np.ndarray, y: np.ndarray, disc: np.ndarray) -> np.ndarray:
+    """Return the distances m from points to a disc."""
+    dx, dy = x - disc[0], y - disc[1]
+    return np.maximum(np.sqrt(dx * dx + dy * dy) - disc[2], 0.0)

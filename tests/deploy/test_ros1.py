@@ -6,14 +6,17 @@ import time
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from map_files import write_map
+from test_map_planner import goal, grid
 from test_ros_bridge import odometry, path, scan
 
 from navrl.deploy.ros1 import PolicyNode
+from navrl.worlds import load_occupancy_map
 
 MESSAGES = {
     "diagnostic_msgs": ("DiagnosticArray", "DiagnosticStatus", "KeyValue"),
-    "geometry_msgs": ("PoseWithCovarianceStamped", "Twist", "TwistStamped"),
-    "nav_msgs": ("Odometry", "Path"),
+    "geometry_msgs": ("PoseStamped", "PoseWithCovarianceStamped", "Twist", "TwistStamped"),
+    "nav_msgs": ("OccupancyGrid", "Odometry", "Path"),
     "sensor_msgs": ("LaserScan",),
     "std_msgs": ("Bool",),
 }
@@ -43,7 +46,7 @@ class Rospy:
     def get_time(self):
         return time.monotonic() + 100.0
 
-    def Publisher(self, name, kind, queue_size):
+    def Publisher(self, name, kind, queue_size, latch=False):
         return SimpleNamespace(publish=lambda message: self.sent.append((name, message)))
 
     def Subscriber(self, name, kind, callback, queue_size):
@@ -91,6 +94,28 @@ def test_node_drives_and_ends_with_zero():
     stopping.set()
     thread.join()
     assert max(rospy.speeds()) > 0.5 and rospy.speeds()[-5:] == [0.0] * 5
+
+
+def test_node_plans_to_goals_on_a_map(tmp_path):
+    rospy, node = make(path_source="map")
+    assert "plan" not in rospy.listeners
+    now = rospy.get_time()
+    rospy.listeners["map"](grid(load_occupancy_map(write_map(tmp_path))))
+    rospy.listeners["move_base_simple/goal"](goal(2.8, 0.0))
+    rospy.listeners["odom"](odometry(now, x=0.5))
+    rospy.listeners["scan"](scan(now - 0.2))
+    stopping = threading.Event()
+    thread = threading.Thread(target=node.spin, args=(stopping,))
+    thread.start()
+    end = time.monotonic() + 60.0
+    while max(rospy.speeds(), default=0.0) < 0.5 and time.monotonic() < end:
+        time.sleep(0.02)
+    stopping.set()
+    thread.join()
+    plans = [message for name, message in rospy.sent if name == "plan"]
+    assert len(plans) == 1 and plans[0].header.frame_id == "map"
+    last = plans[0].poses[-1].pose.position
+    assert (last.x, last.y) == pytest.approx((2.8, 0.0)) and max(rospy.speeds()) > 0.5
 
 
 def test_exception_ends_with_zero(monkeypatch):

@@ -10,6 +10,8 @@ import time
 import numpy as np
 import pytest
 
+from navrl.worlds import OccupancyMap
+
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip("rclpy")
 for package in ("sensor_msgs", "nav_msgs", "geometry_msgs", "std_msgs", "diagnostic_msgs"):
@@ -28,7 +30,12 @@ class Robot:
     """A unicycle in a corridor, with an A1 that is mounted backwards."""
 
     def __init__(self, node, stamped=False):
-        from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
+        from geometry_msgs.msg import (
+            PoseStamped,
+            PoseWithCovarianceStamped,
+            Twist,
+            TwistStamped,
+        )
         from nav_msgs.msg import Odometry, Path
         from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
         from sensor_msgs.msg import LaserScan
@@ -41,6 +48,7 @@ class Robot:
         self.odometry = make(Odometry, "odom", qos_profile_sensor_data)
         self.poses = make(PoseWithCovarianceStamped, "amcl_pose", latched)
         self.paths, self.stops = make(Path, "plan", 1), make(Bool, "emergency_stop", 1)
+        self.goals = make(PoseStamped, "goal_pose", 1)
         kind = TwistStamped if stamped else Twist
         self.subscription = node.create_subscription(kind, "cmd_vel", self.on_command, 10)
         self.random = np.random.default_rng(0)
@@ -97,6 +105,29 @@ class Robot:
             path.poses.append(pose)
         self.paths.publish(path)
 
+    def send_map(self, office):
+        from nav_msgs.msg import OccupancyGrid
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.maps = self.node.create_publisher(OccupancyGrid, "map", latched)
+        message = OccupancyGrid()
+        message.header.frame_id, message.header.stamp = "map", self.stamp()
+        message.info.width, message.info.height = office.values.shape
+        message.info.resolution = office.cell
+        place = message.info.origin
+        place.position.x, place.position.y, place.orientation.w = *office.origin[:2].tolist(), 1.0
+        message.data = office.values.T.ravel().tolist()
+        self.maps.publish(message)
+
+    def send_goal(self, x, y):
+        from geometry_msgs.msg import PoseStamped
+
+        message = PoseStamped()
+        message.header.frame_id, message.header.stamp = "map", self.stamp()
+        message.pose.position.x, message.pose.position.y = x, y
+        self.goals.publish(message)
+
     def run(self, duration, until=lambda: False):
         """Move for a time, s, with scans and odometry at 10 Hz; return whether ``until`` held."""
         end, step = time.monotonic() + duration, 0.02
@@ -141,13 +172,13 @@ def robot():
     node.destroy_node()
 
 
-def drive(robot, **arguments):
+def drive(robot, *parameters, send=Robot.send_path, **arguments):
     """Start a node and wait until it drives."""
-    process = start(**arguments)
+    process = start(*parameters, **arguments)
     robot.run(240.0, lambda: bool(robot.commands) or process.poll() is not None)
     assert process.poll() is None, process.stderr.read()
     assert all(command[1:] == (0.0, 0.0) for command in robot.commands)  # no path
-    robot.send_path()
+    send(robot)
     assert robot.run(10.0, lambda: robot.last[0] > 0.3)
     return process
 
@@ -161,6 +192,32 @@ def test_node_arrives_and_stops_at_the_goal(robot):
     process = drive(robot)
     assert robot.run(15.0, lambda: robot.pose[0] > GOAL_X - 0.2 and robot.last == (0.0, 0.0))
     assert abs(robot.pose[1]) < 0.5
+    finish(process)
+
+
+def test_node_plans_to_goals_on_a_latched_map(robot):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    values = np.full((100, 24), 0, np.int8)  # 10 m x 2.4 m, the corridor
+    values[:, [0, -1]], values[[0, -1]], values[45:50, 8:16] = 100, 100, 100  # and a box in it
+    robot.send_map(OccupancyMap(values, 0.1, np.array([-2.0, -1.2, 0.0])))
+    texts, kept = (
+        [],
+        robot.node.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda message: texts.append(message.status[0].message),
+            1,
+        ),
+    )
+    process = drive(robot, "path_source:=map", send=lambda robot: robot.send_goal(1.5, 0.0))
+    robot.send_goal(2.7, 0.0)  # in the box
+    assert robot.run(3.0, lambda: any("must not be in an obstacle" in text for text in texts))
+    assert robot.last == (0.0, 0.0)
+    robot.send_goal(GOAL_X + 1.0, 0.0)
+    end = (GOAL_X + 0.8, 0.0)
+    assert robot.run(20.0, lambda: robot.pose[0] > end[0] and robot.last == end[1:] * 2)
+    robot.node.destroy_subscription(kept)
     finish(process)
 
 

@@ -9,15 +9,9 @@ import pages
 import pytest
 
 from navrl.deploy import Controller, DriveState
-from navrl.deploy.ros_bridge import (
-    PARAMETERS,
-    RosBridge,
-    diagnostic_values,
-    make_controller,
-    planar_yaw,
-    seconds,
-)
+from navrl.deploy.ros_bridge import RosBridge, diagnostic_values, planar_yaw, seconds
 from navrl.deploy.ros_markers import attention_spheres, group_arrows
+from navrl.deploy.ros_parameters import PARAMETERS, make_controller
 from navrl.policies import ZOO
 
 PAGE = pages.ROOT / "docs" / "ros.md"

@@ -63,6 +63,22 @@ def test_clearance_of_cells_is_the_distance_to_the_shapes():
     np.testing.assert_allclose(grid.clearance[i, j], wanted, atol=1e-9)
 
 
+def test_smallest_distance_is_exact_up_to_comfort():
+    random = np.random.default_rng(3)
+    boxes = random.uniform([-3, -3, 0.05, 0.05, -3], [3, 3, 0.4, 0.4, 3], (40, 5))
+    grid = ClearanceMap(boxes, np.array([[0.0, 0.0, 0.3]]))
+    for _ in range(200):
+        points = random.uniform(-4.5, 4.5, (int(random.integers(1, 60)), 2))
+        wanted = min(grid.distance(points).min(), grid.comfort)
+        assert grid._smallest_distance(points) == wanted
+
+
+def test_tight_map_covers_the_obstacles_and_a_margin():
+    wall = np.array([[0.0, 0.0, 10.0, 0.1, 0.0]])
+    assert ClearanceMap(wall, NO_DISCS, is_tight=True).clearance.shape == (440, 44)
+    assert ClearanceMap(wall, NO_DISCS).clearance.shape[1] > 400
+
+
 def test_values_out_of_range_raise():
     with pytest.raises(ValueError, match=r"comfort=0\.2: must be > clearance"):
         ClearanceMap(room(), NO_DISCS, clearance=0.23, comfort=0.2)

@@ -82,7 +82,7 @@ def test_map_without_traversable_cells_raises(tmp_path):
     with pytest.raises(DamagedFileError, match="must have traversable cells"):
         load_igibson(scene)
     (scene / "layout" / "floor_trav_no_obj_0.png").write_text("no picture")
-    with pytest.raises(DamagedFileError, match="not a picture"):
+    with pytest.raises(DamagedFileError, match="must be a picture, one of PGM, PNG, BMP"):
         load_igibson(scene)
 
 

@@ -116,7 +116,9 @@ class PlaceEpisodes(ABC):
         touched = (bottom < self.robot_height) & (top > 0.0)
         count = len(place.boxes)
         boxes, discs = place.boxes[touched[:count]], place.discs[touched[count:]]
-        return ClearanceMap(boxes, discs, self.clearance, self.comfort)
+        boxes = np.concatenate([boxes, place.limits])
+        is_tight = len(place.limits) > 0
+        return ClearanceMap(boxes, discs, self.clearance, self.comfort, is_tight=is_tight)
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return episode ``index``; the same arguments always give the same one.

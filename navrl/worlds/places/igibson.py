@@ -6,20 +6,18 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 from scipy import ndimage
 
 from navrl.untrusted import DamagedFileError, read_text
 from navrl.worlds.places.cells import boxes_of_cells
 from navrl.worlds.places.place import FreeRegion, Place
-from navrl.worlds.places.reading import FARTHEST_M, REMEDY
+from navrl.worlds.places.reading import FARTHEST_M, REMEDY, read_image
 
 RESOLUTION_M = 0.01  # m per pixel of a traversability map, iGibson's default
 CELL_M = 0.05  # m, to which the map is reduced
 WALL_THICKNESS_M = 0.15  # m of the blocked cells beside free ones that become walls
 WALL_HEIGHT_M = 2.5
 NO_FURNITURE = ("walls", "floors", "ceilings", "door", "window", "carpet")
-_MAX_PIXELS = 10_000  # along each side of a map
 
 
 def load_igibson(folder: str | Path) -> Place:
@@ -105,16 +103,7 @@ def _numbers(file: Path, key: str, text: str) -> np.ndarray:
 
 def _traversable(file: Path) -> FreeRegion:
     """Return the cells whose pixels are all traversable (255); the map's center is the origin."""
-    try:
-        with Image.open(file) as image:
-            if max(image.size) > _MAX_PIXELS:
-                allowed = f"at most {_MAX_PIXELS} pixels along each side"
-                raise _error(file, "size", image.size, allowed)
-            pixels = np.asarray(image.convert("L"))
-    except FileNotFoundError:
-        raise
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise DamagedFileError(file, f"not a picture ({error})", REMEDY) from error
+    pixels = np.asarray(read_image(file).convert("L"))
     step = round(CELL_M / RESOLUTION_M)
     rows, columns = (size // step for size in pixels.shape)
     if not rows or not columns:

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from navrl.worlds.pedestrian import Pedestrian
+
+
+def turned(points: np.ndarray, yaw: float) -> np.ndarray:
+    """Return points ``[*B, 2]`` turned around (0, 0)."""
+    if yaw == 0.0:
+        return points
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -18,15 +28,18 @@ class FreeRegion:
         origin: ``[2]`` m, corner of the cell (0, 0).
         cell: Size of a cell, m.
         mask: ``[X, Y]`` bool.
+        yaw: Angle by which the cells are turned around the origin, rad.
     """
 
     origin: np.ndarray
     cell: float
     mask: np.ndarray
+    yaw: float = 0.0
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return whether points ``[*B, 2]`` m are in the region, ``[*B]`` bool."""
-        cells = np.floor((np.asarray(points) - self.origin) / self.cell).astype(int)
+        offsets = np.asarray(points) - self.origin
+        cells = np.floor(turned(offsets, -self.yaw) / self.cell).astype(int)
         inside = ((cells >= 0) & (cells < self.mask.shape)).all(-1)
         cells = cells.clip(0, np.array(self.mask.shape) - 1)
         return inside & self.mask[cells[..., 0], cells[..., 1]]
@@ -49,6 +62,8 @@ class Place:
         start: ``[3]`` pose of the robot; ``None`` draws one.
         goal: ``[2]`` m; ``None`` draws one.
         people: Recorded pedestrians, times in s since the start of the recording.
+        limits: ``[L, 5]`` boxes that paths avoid although nothing is there: the edges of what is
+            known of a place.
 
     Raises:
         ValueError: If there is no wall and no furniture, or a number of rows does not fit.
@@ -66,6 +81,7 @@ class Place:
     start: np.ndarray | None = None
     goal: np.ndarray | None = None
     people: tuple[Pedestrian, ...] = ()
+    limits: np.ndarray = field(default_factory=lambda: np.zeros((0, 5)))
 
     def __post_init__(self) -> None:
         """Check the numbers of rows."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image, UnidentifiedImageError
 
-from navrl.untrusted import DamagedFileError, is_number
+from navrl.untrusted import DamagedFileError, is_number, read_bytes
 
 FARTHEST_M = 10_000.0  # m from the origin
 REMEDY = "docs/places.md has the formats"
 _SHOWN = 60  # characters of a value in an error
+_MAX_PIXELS = 10_000  # along each side of a picture
+_PICTURES = {"PPM": "PGM", "PNG": "PNG", "BMP": "BMP"}  # formats of Pillow and their names
 
 
 class Reader:
@@ -96,6 +100,30 @@ class Reader:
         ):
             raise self.error(key, value, f"{size} numbers in {low:g} to {FARTHEST_M:g}")
         return np.array(value, dtype=float)
+
+
+def read_image(file: str | Path) -> Image.Image:
+    """Read a PGM, PNG or BMP picture.
+
+    Raises:
+        OSError: If the file does not exist or is not readable.
+        DamagedFileError: If it is no such picture, or too large.
+    """
+    content = io.BytesIO(read_bytes(file, REMEDY))
+    try:
+        with Image.open(content, formats=list(_PICTURES)) as image:
+            if max(image.size) > _MAX_PIXELS:
+                reason = f"size={list(image.size)}: must be at most {_MAX_PIXELS} pixels each"
+                raise DamagedFileError(file, reason, REMEDY)
+            image.load()
+            return image
+    except UnidentifiedImageError as error:
+        names = ", ".join(_PICTURES.values())
+        raise DamagedFileError(file, f"must be a picture, one of {names}", REMEDY) from error
+    except DamagedFileError:
+        raise
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise DamagedFileError(file, f"damaged picture ({error})", REMEDY) from error
 
 
 def boxes_of_corners(reader: Reader, key: str) -> np.ndarray:
