@@ -79,7 +79,8 @@ class EpisodeVideo:
         if (self._validations - 1) % self._every:
             return None
         recording = record_episode(self._env, self._actor, self._scenario)
-        return save_gif(recording, self._folder / f"episode_{frames:09d}.gif")
+        file = self._folder / f"episode_{frames:09d}.gif"
+        return save_gif(recording, file, policy=f"{file.parents[1].name}, {frames:,} frames")
 
 
 def make_video(
