@@ -187,7 +187,7 @@ def read_arrays(
 def read_archive(
     file: str | Path, remedy: str, names: Collection[str], max_bytes: int = MAX_ARRAY_BYTES
 ) -> dict[str, bytes]:
-    """Read the files ``FOLDER/NAME`` of an uncompressed tar archive; nothing is unpacked to disk.
+    """Read the files ``FOLDER/NAME`` of an uncompressed tar archive into memory.
 
     Args:
         file: File to read.

@@ -59,6 +59,7 @@ class EpisodeVideo:
         transforms: Callable[[], Any],
         folder: Path,
     ) -> None:
+        """Generate the episode and build its environment."""
         seed, count = cfg.validation.seed, cfg.validation.num_episodes
         suite = Suite("validation", seed, count, instantiate(cfg.scenario))
         (self._scenario,) = suite.scenarios([0])

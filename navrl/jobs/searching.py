@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -28,6 +28,7 @@ from navrl.training.provenance import record_command
 if TYPE_CHECKING:
     from optuna import Study, Trial
     from optuna.distributions import BaseDistribution
+    from optuna.pruners import BasePruner
 
 LOG = logging.getLogger(__name__)
 OWN_KEYS = ("space", "trials", "prune")
@@ -109,7 +110,7 @@ def search_space(space: Sequence[str]) -> dict[str, BaseDistribution]:
     return found
 
 
-def _distribution(value: Any) -> BaseDistribution:
+def _distribution(value: object) -> BaseDistribution:
     from optuna.distributions import (
         CategoricalDistribution,
         FloatDistribution,
@@ -129,7 +130,7 @@ def _distribution(value: Any) -> BaseDistribution:
     raise ValueError("not a sweep")
 
 
-def _make_pruner(prune: Mapping[str, int] | None) -> Any:
+def _make_pruner(prune: Mapping[str, int] | None) -> BasePruner:
     from optuna.pruners import MedianPruner, NopPruner
 
     if prune is None:
@@ -176,13 +177,16 @@ def _train(
     return max(curve.values(), default=-math.inf)
 
 
-def _suggest(trial: Trial, key: str, kind: Any) -> Any:
+def _suggest(trial: Trial, key: str, kind: BaseDistribution) -> object:
     """Return the value of a key in a trial, drawn from its distribution."""
-    if hasattr(kind, "choices"):
-        return trial.suggest_categorical(key, kind.choices)
-    if isinstance(kind.low, int):
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    if isinstance(kind, FloatDistribution):
+        return trial.suggest_float(key, kind.low, kind.high, log=kind.log)
+    if isinstance(kind, IntDistribution):
         return trial.suggest_int(key, kind.low, kind.high, step=kind.step)
-    return trial.suggest_float(key, kind.low, kind.high, log=kind.log)
+    assert isinstance(kind, CategoricalDistribution)
+    return trial.suggest_categorical(key, kind.choices)
 
 
 def _reporting(

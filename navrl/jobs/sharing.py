@@ -11,9 +11,9 @@ import io
 import re
 import tarfile
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from navrl.extras import require
 from navrl.files import replacing, write_text
@@ -85,7 +85,7 @@ def upload(folder: Path, repository: str, private: bool = False) -> str:
     readme = (_HEADER + (folder / "card.md").read_text(encoding="utf-8")).encode()
     additions = [CommitOperationAdd(file.name, str(file)) for file in files]
     additions.append(CommitOperationAdd(_README, readme))
-    with _HubErrors(repository):
+    with _hub_errors(repository):
         api = HfApi()
         api.create_repo(repository, private=private, exist_ok=True)
         commit = api.create_commit(repository, additions, commit_message=f"Publish {folder.name}")
@@ -160,7 +160,7 @@ def _download(source: str, names: set[str], folder: Path) -> dict[str, bytes]:
     from huggingface_hub import HfApi
 
     repository, _, revision = source.removeprefix(HUB).partition("@")
-    with _HubErrors(source):
+    with _hub_errors(source):
         api = HfApi()
         info = api.model_info(repository, revision=revision or None, files_metadata=True)
         sizes = {file.rfilename: file.size or 0 for file in info.siblings or ()}
@@ -174,19 +174,16 @@ def _download(source: str, names: set[str], folder: Path) -> dict[str, bytes]:
     return {name: read_bytes(file, _REMEDY) for name, file in files.items()}
 
 
-class _HubErrors:
+@contextmanager
+def _hub_errors(subject: str) -> Iterator[None]:
     """Report errors of the hub's client in one line."""
-
-    def __init__(self, subject: str) -> None:
-        self._subject = subject
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, Exception) and not isinstance(error, ValueError):
-            line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-            raise ConnectionError(f"{self._subject}: {line}") from error
+    try:
+        yield
+    except ValueError:
+        raise
+    except Exception as error:
+        line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise ConnectionError(f"{subject}: {line}") from error
 
 
 def _sha256(content: bytes) -> str:

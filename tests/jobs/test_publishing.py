@@ -69,7 +69,7 @@ def test_card_and_curve(run, evaluation, tmp_path, capsys):
     assert [row["updates"] for row in rows] == [str(n) for n in range(0, 4600, 400)]
 
 
-def test_card_lists_what_a_repetition_needs(run, evaluation, tmp_path):
+def test_card_lists_commands_versions_and_seed(run, evaluation, tmp_path):
     (run / "config.yaml").write_text("seed: 3\nnum_threads: 1\ndevice: cpu\n")
     (run / "commands.txt").write_text(
         "navrl-train seed=3  # 2026-01-02 03:04 UTC, navrl 0.1.0 at commit abc, riscv, 2 cores\n"

@@ -66,7 +66,7 @@ def test_archive_is_deterministic_and_fetched_equal(bundle, tmp_path):
         sharing.fetch(str(archive), out, digest)
 
 
-def test_other_digest_and_edited_file_are_refused(bundle, tmp_path):
+def test_wrong_digest_and_edited_file_are_rejected(bundle, tmp_path):
     digest = sharing.write_sums(bundle)
     archive = str(sharing.write_archive(bundle))
     with pytest.raises(DamagedFileError, match=f"digest is {digest}, must be {'0' * 64}"):
@@ -80,7 +80,7 @@ def test_other_digest_and_edited_file_are_refused(bundle, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_archive_with_unsafe_members_is_refused(tmp_path):
+def test_archive_with_unsafe_members_is_rejected(tmp_path):
     link = tarfile.TarInfo("mine/card.md")
     link.type, link.linkname = tarfile.SYMTYPE, "/etc/passwd"
     for members, message in (
@@ -103,7 +103,7 @@ def test_archive_with_unsafe_members_is_refused(tmp_path):
         read_archive(tmp_path / "z.tar", "again", sharing.REQUIRED, max_bytes=100)
 
 
-def test_bundle_with_foreign_code_is_refused(bundle, tmp_path):
+def test_fetched_code_outside_navrl_is_rejected(bundle, tmp_path):
     config = (bundle / "config.yaml").read_text()
     (bundle / "config.yaml").write_text(config.replace("navrl.transforms.MinPool", "os.system"))
     digest = sharing.write_sums(bundle)
@@ -132,7 +132,7 @@ def test_hub_round_trip_is_checked_by_hash(bundle, online, tmp_path):
         sharing.fetch("hf://me/none", tmp_path / "other", digest)
 
 
-def test_large_download_is_refused_before_it_starts(online, tmp_path, monkeypatch):
+def test_large_download_is_rejected_before_it_starts(online, tmp_path, monkeypatch):
     online.files["card.md"] = b"x" * 1000
     monkeypatch.setattr(sharing, "MAX_ARRAY_BYTES", 999)
     with pytest.raises(DamagedFileError, match="at most 999 bytes"):

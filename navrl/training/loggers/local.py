@@ -78,7 +78,7 @@ class _CSVLogger(CSVLogger):
 
 
 def _retain_until(file: Path, frames: int) -> None:
-    """Rewrite a file of the CSV logger without rows after ``frames`` or cut off by a kill."""
+    """Rewrite a file of the CSV logger without rows after ``frames`` and incomplete rows."""
     lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
     whole = [line for line in lines if line.endswith("\n") and int(line.split(",")[0]) <= frames]
     if whole != lines:

@@ -66,6 +66,7 @@ class Loggers:
         resume_frames: int | None = None,
         hparams: Mapping[str, Any] | None = None,
     ) -> None:
+        """Open all loggers."""
         self._loggers: dict[str, Logger] = {}
         for name, logger in settings.items():
             try:

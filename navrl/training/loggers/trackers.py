@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from navrl.untrusted import DamagedFileError, read_json
 IDS_FILE = "loggers.json"
 
 
+@dataclass(frozen=True)
 class WandB:
     """A run of Weights & Biases, stored in ``<run folder>/wandb``.
 
@@ -34,13 +36,15 @@ class WandB:
         ValueError: If the mode is none of the above.
     """
 
-    def __init__(
-        self, project: str, mode: str = "offline", options: Mapping[str, Any] | None = None
-    ) -> None:
+    project: str
+    mode: str = "offline"
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that the package is installed."""
         require("wandb", "logger=wandb", "wandb")
-        if mode not in ("offline", "online"):
-            raise ValueError(f"mode={mode}: must be offline or online")
-        self.project, self.mode, self.options = project, mode, dict(options or {})
+        if self.mode not in ("offline", "online"):
+            raise ValueError(f"mode={self.mode}: must be offline or online")
 
     def open(self, folder: Path, resume_frames: int | None) -> Logger:
         """Open the logger; see :meth:`navrl.training.loggers.RunLogger.open`."""
@@ -59,6 +63,7 @@ class WandB:
         )
 
 
+@dataclass(frozen=True)
 class MLflow:
     """A run of MLflow, by default in a database beside the run folder.
 
@@ -73,11 +78,13 @@ class MLflow:
         ModuleNotFoundError: If mlflow is not installed.
     """
 
-    def __init__(
-        self, experiment: str, tracking_uri: str | None = None, artifacts: str | None = None
-    ) -> None:
+    experiment: str
+    tracking_uri: str | None = None
+    artifacts: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the package is installed."""
         require("mlflow", "logger=mlflow", "mlflow", "sqlalchemy")
-        self.experiment, self.tracking_uri, self.artifacts = experiment, tracking_uri, artifacts
 
     def open(self, folder: Path, resume_frames: int | None) -> Logger:
         """Open the logger; see :meth:`navrl.training.loggers.RunLogger.open`."""
@@ -91,6 +98,7 @@ class MLflow:
         return logger
 
 
+@dataclass(frozen=True)
 class Trackio:
     """A run of Trackio, stored by the package (``TRACKIO_DIR``) or in a Space of Hugging Face.
 
@@ -104,9 +112,12 @@ class Trackio:
         ModuleNotFoundError: If trackio is not installed.
     """
 
-    def __init__(self, project: str, options: Mapping[str, Any] | None = None) -> None:
+    project: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check that the package is installed."""
         require("trackio", "logger=trackio", "trackio")
-        self.project, self.options = project, dict(options or {})
 
     def open(self, folder: Path, resume_frames: int | None) -> Logger:
         """Open the logger; see :meth:`navrl.training.loggers.RunLogger.open`."""
@@ -131,7 +142,7 @@ class _MLflowLogger(MLFlowLogger):
         self._run_name, self._run = name, run  # read while TorchRL's constructor starts the run
         super().__init__(experiment, uri, artifact_location=artifacts)
 
-    def _create_experiment(self) -> Any:
+    def _create_experiment(self) -> object:
         """Start the run, or continue the saved one, which TorchRL's logger cannot."""
         import mlflow
 
@@ -155,7 +166,9 @@ class _MLflowLogger(MLFlowLogger):
 
 
 class _TrackioLogger(TrackioLogger):
-    def log_metrics(self, metrics: Any, step: int | None = None, **_: Any) -> dict[str, Any]:
+    def log_metrics(
+        self, metrics: Mapping[str, float], step: int | None = None, **_: Any
+    ) -> dict[str, Any]:
         """Log scalars in one row; TorchRL's logger writes a row for each."""
         self.experiment.log(dict(metrics), step=step)
         return dict(metrics)
