@@ -12,8 +12,10 @@ import json
 import math
 import os
 import sys
+import tarfile
 import zipfile
 import zlib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -180,6 +182,41 @@ def read_arrays(
             return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
     except _NPZ_ERRORS as error:
         raise DamagedFileError(file, f"damaged or not an .npz file ({error})", remedy) from error
+
+
+def read_archive(
+    file: str | Path, remedy: str, names: Collection[str], max_bytes: int = MAX_ARRAY_BYTES
+) -> dict[str, bytes]:
+    """Read the files ``FOLDER/NAME`` of an uncompressed tar archive into memory.
+
+    Args:
+        file: File to read.
+        remedy: As in :func:`read_text`.
+        names: Allowed names of files, each at most once; links, devices and other members are
+            errors.
+        max_bytes: Maximum size of the archive.
+
+    Raises:
+        OSError: If there is no such file, or it may not be read.
+        DamagedFileError: If it is too large, not an archive, or has other members.
+    """
+    content = io.BytesIO(read_bytes(file, remedy, max_bytes))
+    found: dict[str, bytes] = {}
+    try:
+        with tarfile.open(fileobj=content, mode="r:") as archive:
+            for member in archive:
+                folder, _, name = member.name.partition("/")
+                stream = archive.extractfile(member) if member.isreg() else None
+                if stream is None or member.issparse() or not folder or name not in names:
+                    raise ValueError(f"{member.name!r}: must be a regular file of a bundle")
+                if name in found:
+                    raise ValueError(f"{member.name!r}: more than once")
+                found[name] = stream.read()
+                if len(found[name]) != member.size:
+                    raise ValueError(f"{member.name!r}: truncated")
+    except (tarfile.TarError, ValueError, EOFError, OverflowError, RecursionError) as error:
+        raise DamagedFileError(file, f"damaged or not a tar archive ({error})", remedy) from error
+    return found
 
 
 def is_number(value: object, low: float = -math.inf, high: float = math.inf) -> TypeGuard[float]:

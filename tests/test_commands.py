@@ -32,6 +32,7 @@ SHORTER = {
     "navrl-export": ("environment.time_limit_steps=3", "num_threads=1", "golden_steps=2"),
     "navrl-report": (),
     "navrl-suites": (),
+    "navrl-search": (*pages.TINY_TRAINING, "trials=2"),
 }
 RUN = "outputs/train/2026-11-23_12-00-00"
 MINE = "navrl-train --config-dir my_conf experiment=mine"
@@ -62,7 +63,12 @@ ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "colle
 NEEDS = {
     **{"device=cuda": "cuda", "hardware=gpu": "cuda", "rows=[gpu]": "cuda"},
     **{"gui=true": "display", "mp4": "ffmpeg", "picture=rerun": "rerun"},
-    **{"navrl-export": "onnxruntime", "navrl-report": "plotly", "launcher=cores": "joblib"},
+    **{
+        "navrl-export": "onnxruntime",
+        "navrl-search": "optuna",
+        "navrl-report": "plotly",
+        "launcher=cores": "joblib",
+    },
 }
 # Run by CI itself, or no command of ours: exactly these.
 OTHERS = {

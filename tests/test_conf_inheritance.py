@@ -134,7 +134,12 @@ def leaves(value, prefix=""):
         if isinstance(item, dict):
             yield from leaves(item, f"{prefix}{key}.")
         elif key == "defaults":
-            yield from (pair for entry in item if isinstance(entry, dict) for pair in entry.items())
+            yield from (
+                (group, str(name))
+                for entry in item
+                if isinstance(entry, dict)
+                for group, name in entry.items()
+            )
         elif key not in ("_target_", "_partial_") and "$" not in str(item):
             yield f"{prefix}{key}", str(item)
 

@@ -135,6 +135,14 @@ def test_own_world_from_a_map(here):
     assert occupied.sum() == 88
 
 
+def test_own_logger(here, capsys):
+    run = here / train("logger=lines")
+    finished(run)
+    assert "frames: 0% success" in capsys.readouterr().out
+    assert (run / "lines/scalars/evaluation/success_rate.csv").is_file()
+    assert not (run / "tensorboard").exists()
+
+
 def test_own_collector(here):
     run = here / train("collector=turns")
     cfg, _ = finished(run)

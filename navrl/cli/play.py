@@ -22,15 +22,16 @@ def main(cfg: DictConfig) -> None:
     if cfg.recording is not None:
         check_drawing(cfg)
         from navrl.evaluation.recording import Recording  # imports torch
+        from navrl.viz.origins import policy_of
 
-        recording = Recording.load(cfg.recording)
+        recording, policy = Recording.load(cfg.recording), policy_of(Path(cfg.recording))
     else:
         check_start(cfg)
         factory.set_threads(cfg)
-        recording = jobs.record(cfg)
+        recording, policy = jobs.record(cfg), factory.policy_name(cfg)
         recording.save(folder / "episode.npz")
-    viz.save_gif(recording, folder / "episode.gif", cfg.frames_per_s)
-    viz.save_png(recording, folder / "episode.png")
+    viz.save_gif(recording, folder / "episode.gif", cfg.frames_per_s, policy)
+    viz.save_png(recording, folder / "episode.png", policy=policy)
     log.info("%s after %d steps; %s", recording.outcome, recording.num_steps, folder)
 
 

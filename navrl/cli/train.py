@@ -90,8 +90,8 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     playing = _playing(cfg, folder)
     recording = jobs.record(playing)
     recording.save(folder / "episode.npz")
-    viz.save_gif(recording, folder / "episode.gif")
-    viz.save_png(recording, folder / "episode.png")
+    viz.save_gif(recording, folder / "episode.gif", policy=folder.name)
+    viz.save_png(recording, folder / "episode.png", policy=folder.name)
     summary = jobs.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
     log.info(
         "best policy on %s: %.1f %% success over %d episodes; all files are in %s",

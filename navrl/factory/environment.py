@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,28 +24,64 @@ from navrl.ops.backend import find_device
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds import ScenarioPool, Suite
 
+LOG = logging.getLogger(__name__)
+
 
 def num_threads(cfg: DictConfig) -> int:
-    """Return ``cfg.num_threads``, or the number of cores if it is null.
+    """Return ``cfg.num_threads``, or :func:`free_cores` if it is null.
 
     Raises:
         ValueError: If it is not between 1 and the number of cores.
     """
     cores = os.cpu_count() or 1
-    count = cores if cfg.num_threads is None else cfg.num_threads
+    count = free_cores() if cfg.num_threads is None else cfg.num_threads
     if not 1 <= count <= cores:
         raise ValueError(f"num_threads={count}: must be between 1 and {cores} on this machine")
     return count
 
 
+@functools.cache
+def free_cores() -> int:
+    """Return the number of cores that other programs leave idle, at least 1.
+
+    Threads that wait for each other stall if they outnumber the idle cores: on a machine with two
+    busy cores an evaluation with two threads took more than 15 minutes, with one 48 s. Cores that
+    are excluded by the affinity of the process and the load of the last minute are subtracted, and
+    ``OMP_NUM_THREADS`` is an upper limit. The first answer is final: later, the load includes this
+    process.
+    """
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    usable = usable or 1
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    usable = min(usable, int(limit)) if limit.isdecimal() and int(limit) else usable
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return max(1, min(usable, round((os.cpu_count() or 1) - load)))
+
+
 def set_threads(cfg: DictConfig) -> None:
     """Set the number of threads of torch, which the compiled kernels use too.
+
+    TorchRL's log is sent to the log of the command, without color codes, and warnings only.
 
     Raises:
         ValueError: If ``num_threads`` is out of range, see :func:`num_threads`.
     """
-    torch.set_num_threads(num_threads(cfg))
+    count = num_threads(cfg)
+    torch.set_num_threads(count)
     torch.set_flush_denormal(True)  # denormal gradients slow products tenfold
+    if cfg.num_threads is None and count < (os.cpu_count() or 1):
+        LOG.info("%d of %d threads; num_threads=N sets another number", count, os.cpu_count())
+    _redirect_torchrl_log()
+
+
+def _redirect_torchrl_log() -> None:
+    """Let TorchRL's log propagate; its own handler colors every line, in files too."""
+    log = logging.getLogger("torchrl")
+    for handler in list(log.handlers):
+        log.removeHandler(handler)
+    log.propagate = True
+    if "RL_LOGGING_LEVEL" not in os.environ:
+        log.setLevel(logging.WARNING)
 
 
 def make_device(cfg: DictConfig) -> torch.device:
@@ -122,7 +160,8 @@ def make_pool(
         f"{name} {suite.seed} {suite.num_episodes} {OmegaConf.to_yaml(cfg.scenario)}".encode()
     ).hexdigest()[:16]
     cache = _cache_folder() / "pools" / f"{key}.npz"
-    return ScenarioPool(suite, num_threads(cfg), cache, cfg.empty_share)
+    shown = cfg.get("progress_bar", False)
+    return ScenarioPool(suite, num_threads(cfg), cache, cfg.empty_share, progress=shown)
 
 
 def _cache_folder() -> Path:

@@ -11,7 +11,7 @@ import torch
 from hydra.utils import get_class
 from omegaconf import DictConfig, OmegaConf
 from tensordict.nn import TensorDictModule
-from torchrl.envs import TransformedEnv
+from torchrl.envs import Transform, TransformedEnv
 
 import navrl
 from navrl.algos import Algorithm, Exploration
@@ -27,6 +27,7 @@ from navrl.factory.environment import (
     make_training_env,
     on_cpu,
 )
+from navrl.factory.loggers import hparams, make_loggers, make_video
 from navrl.factory.warm_start import is_resumed, start_actor, start_critic
 from navrl.policies import save_bundle, saved_metrics
 from navrl.training import Collector, Trainer
@@ -105,6 +106,7 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
         Trainer that can run, or resume from the folder's checkpoint.
     """
     make_device(cfg)
+    loggers = make_loggers(cfg)  # report a missing package before anything is built
     shield_resource_tracker()
     instantiate(deployed(cfg).transforms)  # report errors now instead of at the first save
     probe = make_training_env(on_cpu(cfg), cfg.seed, num_worlds=1)
@@ -131,6 +133,9 @@ def make_trainer(cfg: DictConfig, folder: Path) -> Trainer:
         progress_bar=cfg.progress_bar,
         saved_best=partial(saved_metrics, folder / "policy"),
         on_evaluated=partial(save, folder / "policy_last"),
+        loggers=loggers,
+        hparams=hparams(cfg),
+        video=make_video(cfg, actor, partial(_validation_transforms, cfg), folder),
     )
 
 
@@ -147,16 +152,20 @@ class Validation:
         self._seed, self._count = cfg.validation.seed, cfg.validation.num_episodes
         self._pool = make_pool(cfg, "validation", self._seed, self._count)
         self._actor = actor
-        played = deployed(cfg) if cfg.validation.get("deployed", False) else cfg
-        self._env = make_env(
-            make_navigation_env(cfg, self._count, privileged=True), instantiate(played.transforms)
-        )
+        env = make_navigation_env(cfg, self._count, privileged=True)
+        self._env = make_env(env, _validation_transforms(cfg))
 
     def __call__(self, max_dynamic: int) -> dict[str, float]:
         """Play all episodes with 1 to ``max_dynamic`` dynamic pedestrians; return the rates."""
         generator = torch.Generator().manual_seed(self._seed)
         records = evaluate(self._env, self._actor, self._pool.all(generator, max_dynamic))
         return rates(records)
+
+
+def _validation_transforms(cfg: DictConfig) -> Transform:
+    """Return the transforms of the validation: of training, or of the deployed policy."""
+    played = deployed(cfg) if cfg.validation.get("deployed", False) else cfg
+    return instantiate(played.transforms)
 
 
 def save_policy(

@@ -55,7 +55,8 @@ def run_evaluation(cfg: DictConfig, folder: Path) -> dict:
     controller = controller_node(cfg.policy)
     start = _check_start(cfg, controller)
     suite = instantiate(cfg.suite)
-    scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg))
+    shown = cfg.get("progress_bar", False)
+    scenarios = _scenarios(OmegaConf.to_yaml(cfg.suite, resolve=True), num_threads(cfg), shown)
     attends = controller is None and cfg.get("recordings", "none") != "none"
     make = partial(make_evaluated_policy, with_attention=attends, controller=controller)
     determined_by = evaluation_inputs(cfg, policy_parts(cfg))
@@ -129,14 +130,16 @@ def _check_start(cfg: DictConfig, controller: dict[str, Any] | None) -> _Start:
 
 
 @lru_cache(maxsize=16)
-def _scenarios(suite: str, num_workers: int) -> list[Scenario]:
+def _scenarios(suite: str, num_workers: int, progress: bool) -> list[Scenario]:
     """Return a suite's scenarios, cached for all policies of a sweep.
 
     Args:
         suite: Resolved configuration of the suite as YAML.
         num_workers: Processes that share the work.
+        progress: Whether to show the progress.
     """
-    return instantiate(OmegaConf.create(suite)).scenarios(num_workers=num_workers)
+    made = instantiate(OmegaConf.create(suite))
+    return made.scenarios(num_workers=num_workers, progress=progress)
 
 
 def record(cfg: DictConfig) -> Recording:

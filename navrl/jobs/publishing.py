@@ -13,9 +13,11 @@ from navrl.evaluation import Evaluation, find_evaluations
 from navrl.factory.policy import bundle_folder, with_parts
 from navrl.files import csv_text, markdown_text, write_text
 from navrl.jobs.inputs import bundle_files, policy_hash
+from navrl.jobs.repetition import RUN_CONFIG, repetition
+from navrl.jobs.run_folder import CONFIG_FILE
 from navrl.policies import load_bundle, save_bundle, zoo_names
 from navrl.training.provenance import recorded_origins
-from navrl.untrusted import DamagedFileError, is_number, read_table, read_yaml
+from navrl.untrusted import DamagedFileError, is_number, read_table, read_text, read_yaml
 
 CURVE = "curve.csv"
 _CURVE_COLUMNS = {
@@ -54,7 +56,8 @@ def publish(
             fall to zero at the end often make it the better one.
 
     Returns:
-        ``out``, with the bundle's files and the learning curve in ``curve.csv``.
+        ``out``, with the bundle's files, the learning curve in ``curve.csv`` and the configuration
+        of the run in ``run.yaml``.
 
     Raises:
         BundleError: If the run has no policy, or a damaged one.
@@ -76,11 +79,14 @@ def publish(
         f"{about} {count:,} parameters an actor.".strip(),
         _origin(run, policy, bundle.metrics),
         _scores(found),
+        repetition(run, out.name, found),
         _curve_table(curve),
     ]
     card = "\n\n".join(part for part in parts if part) + "\n"
     save_bundle(out, config=config, actor=actor, metrics=bundle.metrics, card=card)
     write_text(out / CURVE, csv_text(list(_CURVE_COLUMNS), curve))
+    if (run / CONFIG_FILE).is_file():
+        write_text(out / RUN_CONFIG, read_text(run / CONFIG_FILE, "restore it"))
     return out
 
 

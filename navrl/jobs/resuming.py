@@ -45,8 +45,8 @@ def resumed_config(folder: Path, cfg: DictConfig, overrides: Sequence[str]) -> D
         if "device" not in run:
             raise ValueError(f"device={cfg.device}: the run in {folder} is older than this key")
         run.device = cfg.device
-    for name in RESULT_NEUTRAL & given:
-        if name in run:
+    for name in RESULT_NEUTRAL & {key.partition(".")[0] for key in given}:
+        if name in cfg:
             run[name] = cfg[name]
     different = [
         f"{name}={here}: the run has {name}={there}"

@@ -15,7 +15,10 @@ from navrl.files import write_text
 
 CONFIG_FILE = "config.yaml"
 # Keys that do not change results.
-RESULT_NEUTRAL = {"num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume"}
+RESULT_NEUTRAL = {
+    *("num_threads", "num_processes", "progress_bar", "recordings", "latency", "resume"),
+    *("logger", "video_every_validations"),
+}
 _CHECKS = ("suite.version",)
 
 

@@ -82,7 +82,7 @@ def check_frozen(entry: FrozenSuite, num_workers: int = 1) -> None:
     Raises:
         FrozenSuiteError: If they differ.
     """
-    entry.suite.scenarios(num_workers=num_workers)
+    entry.suite.scenarios(num_workers=num_workers, progress=True)
 
 
 def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
@@ -102,7 +102,7 @@ def freeze(entry: FrozenSuite, num_workers: int = 1) -> bool:
         return False
     unchecked = copy.copy(suite)
     unchecked.version = None
-    scenarios = unchecked.scenarios(num_workers=num_workers)
+    scenarios = unchecked.scenarios(num_workers=num_workers, progress=True)
     lengths = [200] if len(scenarios) > 200 else []  # table1_200 has its own hash
     FrozenEpisodes.of(suite.name, suite.version, scenarios, lengths).save()
     frozen_episodes.cache_clear()

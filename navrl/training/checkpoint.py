@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import torch
 
+from navrl.algos import Algorithm, NonFiniteUpdateError
 from navrl.files import replacing
 
 _SEAL = b"navrl-sha256"  # marker before the digest at the end of a state file
@@ -110,6 +111,39 @@ def resumable(run: Path) -> Iterator[None]:
             f"{place}{error.strerror or error}; what was saved before is complete, "
             f"navrl-train resume={run} continues from it"
         ) from error
+
+
+@contextmanager
+def failures_saved(run: Path, algorithm: Algorithm) -> Iterator[None]:
+    """Save the batch and the weights before a non-finite update of the block.
+
+    Raises:
+        NonFiniteUpdateError: If the block raises one; a note names the file in the run folder.
+    """
+    try:
+        yield
+    except NonFiniteUpdateError as error:
+        file = run / "not_finite.pt"
+        state = {"batch": error.batch.to_dict(), "algorithm": algorithm.state_dict()}
+        with replacing(file) as stream:
+            torch.save(state, stream)
+        error.add_note(f"the batch and the weights before it are in {file}")
+        raise
+
+
+def random_state(device: torch.device) -> dict[str, torch.Tensor]:
+    """Return the states of torch's random number generators, on the CPU and on ``device``."""
+    state = {"rng": torch.get_rng_state()}
+    if device.type == "cuda":
+        state["device_rng"] = torch.cuda.get_rng_state(device)
+    return state
+
+
+def restore_random_state(state: Mapping[str, torch.Tensor], device: torch.device) -> None:
+    """Restore what :func:`random_state` returned, possibly on another device."""
+    torch.set_rng_state(state["rng"])
+    if "device_rng" in state and device.type == "cuda":
+        torch.cuda.set_rng_state(state["device_rng"], device)
 
 
 def damaged(file: Path) -> CheckpointError:

@@ -1,4 +1,4 @@
-"""Training log: a CSV file and TensorBoard."""
+"""Training log: a CSV file, mirrored to loggers."""
 
 from __future__ import annotations
 
@@ -8,46 +8,40 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from torch.utils.tensorboard import SummaryWriter
-
 from navrl.files import replacing
+from navrl.training.loggers import Loggers
 
 LOG_FILE = "metrics.csv"
 
 
 class MetricsLog:
-    """Log of named scalars in ``metrics.csv``, mirrored to TensorBoard.
+    """Log of named scalars in ``metrics.csv``, mirrored to loggers.
 
     Rows may have different columns (evaluations are less frequent than training reports): missing
     cells are empty, and a new column is added to the whole file.
 
     Args:
         folder: Run folder.
-        tensorboard: Whether to write TensorBoard events.
         resume_frames: Frame count of the checkpoint that the run resumes from. Later rows are
             dropped, because they are written again. ``None`` drops all rows.
         resume_rows: Number of rows when that checkpoint was saved; later rows are dropped too.
             ``None`` if it is unknown.
+        loggers: Open loggers that receive the same scalars; ``None`` for none.
     """
 
     def __init__(
         self,
         folder: Path,
-        tensorboard: bool = True,
         resume_frames: int | None = None,
         resume_rows: int | None = None,
+        loggers: Loggers | None = None,
     ) -> None:
         self._file = Path(folder) / LOG_FILE
         self._columns: list[str] = ["frames", "updates"]
         self.num_rows = 0
         if self._file.is_file():
             self._keep_until(-1 if resume_frames is None else resume_frames, resume_rows)
-        purge = None if resume_frames is None else resume_frames + 1
-        self._writer = (
-            SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=purge)
-            if tensorboard
-            else None
-        )
+        self._loggers = loggers
 
     def log(self, frames: int, updates: int, metrics: Mapping[str, float]) -> None:
         """Write and flush one row, so that it persists if the process is killed.
@@ -67,9 +61,13 @@ class MetricsLog:
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._file)) from error
         self.num_rows += 1
-        if self._writer is not None:
-            for name, value in metrics.items():
-                self._writer.add_scalar(name, value, frames)
+        if self._loggers is not None:
+            self._loggers.log(frames, metrics)
+
+    def log_video(self, name: str, file: Path | None, frames: int) -> None:
+        """Send an animation (``.gif``) to the loggers; nothing if it is ``None``."""
+        if self._loggers is not None and file is not None:
+            self._loggers.log_video(name, file, frames)
 
     def synchronize(self) -> None:
         """Write all rows to disk, so that the file has at least the rows of a checkpoint."""
@@ -78,9 +76,9 @@ class MetricsLog:
                 os.fsync(file.fileno())
 
     def close(self) -> None:
-        """Flush TensorBoard."""
-        if self._writer is not None:
-            self._writer.close()
+        """Close the loggers."""
+        if self._loggers is not None:
+            self._loggers.close()
 
     def _rows(self) -> list[dict[str, str]]:
         """Return the complete rows; a row truncated by a kill has no line end."""

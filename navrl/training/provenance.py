@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
 import torch
@@ -16,6 +17,7 @@ import navrl
 from navrl.untrusted import read_text
 
 _FILE = "commands.txt"
+_PACKAGES = ("torch", "torchrl", "tensordict", "numpy")  # their versions may change numbers
 
 
 def record_command(folder: Path) -> None:
@@ -58,4 +60,6 @@ def code_version() -> str:
 
 def _machine() -> str:
     gpu = f", {torch.cuda.get_device_name()}" if torch.cuda.is_available() else ""
-    return f"{platform.machine()}, {os.cpu_count()} cores{gpu}"
+    packages = ", ".join(f"{name} {version(name)}" for name in _PACKAGES)
+    python = platform.python_version()
+    return f"{platform.machine()}, {os.cpu_count()} cores{gpu}, Python {python}, {packages}"

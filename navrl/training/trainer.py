@@ -5,21 +5,27 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from tqdm import tqdm
 
-from navrl.algos import Algorithm, NonFiniteUpdateError
-from navrl.files import replacing
+from navrl.algos import Algorithm
 from navrl.progress_bar import progress_bar
-from navrl.training.checkpoint import CheckpointStore, resumable
+from navrl.training.checkpoint import (
+    CheckpointStore,
+    failures_saved,
+    random_state,
+    restore_random_state,
+    resumable,
+)
 from navrl.training.collectors import Collector
 from navrl.training.curriculum import Curriculum
 from navrl.training.interruption import StopRequested, StopSignals, TrainingStoppedError
+from navrl.training.loggers import Loggers, RunLogger, TensorBoard
 from navrl.training.metrics_log import LOG_FILE, MetricsLog
 from navrl.training.replay import Replay
 from navrl.training.schedule import Progress, Schedule
@@ -28,6 +34,7 @@ from navrl.training.window import Window
 Evaluate = Callable[[int], Mapping[str, float]]
 OnBest = Callable[[Mapping[str, float]], None]
 SavedBest = Callable[[], Mapping[str, float] | None]
+Video = Callable[[int], Path | None]
 
 MAX_BATCHES_DRAWN = 64  # sampled at a time; about 60 MB of the paper's transitions
 
@@ -48,11 +55,15 @@ class Trainer:
         on_best: Called with the metrics of every evaluation better than all previous ones, at the
             highest level reached so far.
         schedule: Length and intervals of the training.
-        folder: Run folder: ``metrics.csv``, ``tensorboard/``, ``checkpoint/``.
+        folder: Run folder: ``metrics.csv``, ``checkpoint/`` and the files of the loggers.
         progress_bar: Whether to show a progress bar.
         saved_best: Returns the metrics of the last policy saved by ``on_best``, ``None`` without
             one. A resumed run reads it, because that policy may be newer than the checkpoint.
         on_evaluated: Called with the metrics of every evaluation, before ``on_best``.
+        loggers: Loggers by name, in addition to ``metrics.csv``; ``None`` for TensorBoard.
+        hparams: Configuration by dotted name, for the loggers.
+        video: Maps a frame count to a ``.gif`` of the policy, sent to the loggers after an
+            evaluation, or to ``None``.
 
     Reference:
         Paper Sec. V-A: regular evaluation; the best checkpoint of the highest level is saved.
@@ -72,12 +83,17 @@ class Trainer:
         progress_bar: bool = True,
         saved_best: SavedBest | None = None,
         on_evaluated: OnBest | None = None,
+        loggers: Mapping[str, RunLogger] | None = None,
+        hparams: Mapping[str, Any] | None = None,
+        video: Video | None = None,
     ) -> None:
         self.collector, self.sigma = collector, sigma
         self.algorithm, self.replay = algorithm, replay
         self.curriculum, self.evaluate, self.on_best = curriculum, evaluate, on_best
         self.schedule, self.folder, self.progress_bar = schedule, Path(folder), progress_bar
         self.saved_best, self.on_evaluated = saved_best, on_evaluated
+        self.loggers = {"tensorboard": TensorBoard()} if loggers is None else loggers
+        self.hparams, self.video = hparams, video
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
         self._window = Window()
@@ -101,7 +117,8 @@ class Trainer:
         resumed = self.checkpoints.exists
         rows = self._restore() if resumed else self.checkpoints.check_new(self.folder / LOG_FILE)
         frames = self.progress.frames if resumed else None
-        self._log = MetricsLog(self.folder, resume_frames=frames, resume_rows=rows)
+        loggers = Loggers(self.loggers, self.folder, frames, self.hparams)
+        self._log = MetricsLog(self.folder, frames, rows, loggers)
         total, done = self.schedule.total_frames, self.progress.frames
         bar = progress_bar(total, "frame", initial=done, enabled=self.progress_bar)
         with StopSignals() as self._signals, resumable(self.folder):
@@ -173,7 +190,7 @@ class Trainer:
         return stepped.numel()
 
     def _step(self) -> tuple[int, TensorDictBase]:
-        """Return the next step of the collector; a signal may interrupt workers immediately."""
+        """Return the next step of the collector; a signal may interrupt workers."""
         try:
             with self._signals.immediate(enabled=not self.collector.resumes_episodes):
                 return self.collector.step(self._scheduled_frames, self._window.phases)
@@ -183,7 +200,6 @@ class Trainer:
             raise StopRequested from None  # the signal also ended the workers
 
     def _count_episodes(self) -> None:
-        """Update the counter of episodes."""
         self.progress.episodes += int(self._ended)
         self._ended = 0
 
@@ -194,23 +210,10 @@ class Trainer:
         for size in _shares(count):
             with window.phases("replay_sample"):
                 batches = self.replay.sample(size)
-            with window.phases("update"), self._keeps_failures():
+            with window.phases("update"), failures_saved(self.folder, self.algorithm):
                 sums = self.algorithm.update_from_each(batches)
             window.add_updates(sums, size)
             self.progress.updates += size
-
-    @contextmanager
-    def _keeps_failures(self) -> Iterator[None]:
-        """Save the batch and the weights before a non-finite update."""
-        try:
-            yield
-        except NonFiniteUpdateError as error:
-            file = self.folder / "not_finite.pt"
-            state = {"batch": error.batch.to_dict(), "algorithm": self.algorithm.state_dict()}
-            with replacing(file) as stream:
-                torch.save(state, stream)
-            error.add_note(f"the batch and the weights before it are in {file}")
-            raise
 
     # --- reports ---------------------------------------------------------------------------------
 
@@ -229,6 +232,7 @@ class Trainer:
             best=f"{max(self.progress.best_success_rate, 0):.0%}",
             people=self.curriculum.max_dynamic,
             updates_per_s=f"{row['speed/updates_per_s']:.1f}",
+            refresh=False,  # in a file each refresh is a line
         )
 
     def _evaluate_if_due(self) -> None:
@@ -247,6 +251,7 @@ class Trainer:
         row["evaluation/max_dynamic"] = self.curriculum.max_dynamic
         row["seconds/evaluation"] = time.monotonic() - start
         self._log.log(progress.frames, progress.updates, row)
+        self._send_video()
         progress.evaluated_frames, progress.evaluated_updates = progress.frames, progress.updates
         done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
         scored = {**metrics, **done, "curriculum_level": level}
@@ -257,6 +262,14 @@ class Trainer:
             self.on_best(scored)
         if self.curriculum.report(rate):
             self.collector.set_max_dynamic(self.curriculum.max_dynamic)
+
+    def _send_video(self) -> None:
+        """Play an episode and send its video to the loggers, if one is due."""
+        if self.video is None:
+            return
+        with self._signals.immediate():
+            file = self.video(self.progress.frames)
+        self._log.log_video("evaluation/episode", file, self.progress.frames)
 
     # --- checkpoints -----------------------------------------------------------------------------
 
@@ -272,8 +285,7 @@ class Trainer:
                 "window": self._window.state_dict(),
                 "log_rows": self._log.num_rows,
                 **self.collector.state_dict(),
-                "rng": torch.get_rng_state(),
-                **self._device_rng(),
+                **random_state(self.replay.device),
             }
         )
         self.replay.prune(self.checkpoints.journal)
@@ -294,15 +306,8 @@ class Trainer:
             self.progress.evaluated_updates = self.progress.updates
         if self.saved_best is not None:
             self.progress.restore_best(self.saved_best(), self.curriculum.level)
-        torch.set_rng_state(state["rng"])
-        if "device_rng" in state and self.replay.device.type == "cuda":
-            torch.cuda.set_rng_state(state["device_rng"], self.replay.device)
+        restore_random_state(state, self.replay.device)
         return state.get("log_rows")
-
-    def _device_rng(self) -> dict[str, torch.Tensor]:
-        """Return the state of the random number generator of a GPU learner; empty on the CPU."""
-        device = self.replay.device
-        return {} if device.type == "cpu" else {"device_rng": torch.cuda.get_rng_state(device)}
 
 
 def _shares(count: int) -> Iterator[int]:

@@ -38,13 +38,16 @@ _GIF_INCHES, _GIF_DPI = 4.8, 100  # 480 px wide
 _HOLD_S = 1.5  # s, additional duration of the last frame
 
 
-def episode_name(recording: Recording) -> str:
-    """Return suite, index and kind of world."""
+def episode_name(recording: Recording, policy: str | None = None) -> str:
+    """Return suite, index and kind of world, after the name of the policy if it is known."""
     scenario = json.loads(recording.scenario)
-    return f"{scenario['suite']} #{scenario['index']}, {scenario['kind']}"
+    name = f"{scenario['suite']} #{scenario['index']}, {scenario['kind']}"
+    return f"{policy}: {name}" if policy else name
 
 
-def save_png(recording: Recording, file: str | Path, step: int | None = None) -> Path:
+def save_png(
+    recording: Recording, file: str | Path, step: int | None = None, policy: str | None = None
+) -> Path:
     """Draw one step with spatial attention, temporal attention, and all commands.
 
     Args:
@@ -52,6 +55,7 @@ def save_png(recording: Recording, file: str | Path, step: int | None = None) ->
         file: ``.png``, ``.svg`` or ``.pdf``.
         step: Decision to draw, 0 to T - 1; T is the end. The one closest to a pedestrian if
             ``None``.
+        policy: Name of the policy, for the headline.
 
     Returns:
         The file.
@@ -63,7 +67,7 @@ def save_png(recording: Recording, file: str | Path, step: int | None = None) ->
     width, height, stacked = _panel_size(recording)
     with style():
         rows, columns = (2, 1) if stacked else (1, 2)
-        size = (columns * width + 0.6, rows * height + 2.1)
+        size = (columns * width + 0.6, rows * height + 2.25)
         figure = Figure(size, layout="constrained")
         scenes, below = figure.subfigures(2, 1, height_ratios=[size[1] - 1.5, 1.5])
         for axes, name in zip(scenes.subplots(rows, columns).flat, ATTENTIONS, strict=True):
@@ -71,7 +75,8 @@ def save_png(recording: Recording, file: str | Path, step: int | None = None) ->
             axes.set_title(f"{name} attention")
             _color_bar(scenes, axes, recording, name, "bottom" if not stacked else "right")
         add_legend(scenes, recording, columns=5)
-        figure.suptitle(_headline(recording, step), fontsize=10)
+        title = f"{episode_name(recording, policy)}\n{_headline(recording, step)}"
+        figure.suptitle(plain_text(title), fontsize=10)
         _draw_commands(below.subplots(), recording, step)
         return save_figure(figure, file)
 
@@ -112,19 +117,21 @@ def save_strip(
             axes.set_visible(False)
         add_legend(figure, recording, columns=6, attention=(), descriptors=False)
         ending = OUTCOME_WORDS.get(recording.outcome, recording.outcome)
-        who = [policy] if policy else []
-        title = "\n".join([*who, f"{episode_name(recording)}: {ending}"])
+        title = "\n".join([*([policy] if policy else []), f"{episode_name(recording)}: {ending}"])
         figure.suptitle(plain_text(title), fontsize=10)
         return save_figure(figure, file)
 
 
-def save_gif(recording: Recording, file: str | Path, fps: float | None = None) -> Path:
+def save_gif(
+    recording: Recording, file: str | Path, fps: float | None = None, policy: str | None = None
+) -> Path:
     """Draw an episode as an animation about 480 px wide.
 
     Args:
         recording: The episode.
         file: ``.gif``.
         fps: Frames (steps) per second; real time if ``None``.
+        policy: Name of the policy, for the headline.
 
     Returns:
         The file.
@@ -137,15 +144,20 @@ def save_gif(recording: Recording, file: str | Path, fps: float | None = None) -
         raise ValueError(f"file={file}: must end in .gif")
     if not 0 < fps <= 50:
         raise ValueError(f"fps={fps}: must be above 0 and at most 50")
-    return write_gif(list(render_frames(recording)), file, 1.0 / fps, _HOLD_S)
+    return write_gif(list(render_frames(recording, policy)), file, 1.0 / fps, _HOLD_S)
 
 
-def render_frames(recording: Recording) -> Iterator[np.ndarray]:
-    """Yield an image ``[H, W, 3]`` uint8 of each of the T + 1 states, all of one size."""
+def render_frames(recording: Recording, policy: str | None = None) -> Iterator[np.ndarray]:
+    """Yield an image ``[H, W, 3]`` uint8 of each of the T + 1 states, all of one size.
+
+    Args:
+        recording: The episode.
+        policy: Name of the policy, for the headline.
+    """
     (left, right), (bottom, top) = scene_limits(recording)
     width = _GIF_INCHES - 0.65
     height = min(width * (top - bottom) / (right - left), 4.8)
-    size = _GIF_INCHES, height + 2.5
+    size = _GIF_INCHES, height + 2.7
     with style():
         figure = Figure(size, dpi=_GIF_DPI)
         canvas = FigureCanvasAgg(figure)
@@ -156,6 +168,8 @@ def render_frames(recording: Recording) -> Iterator[np.ndarray]:
         add_legend(caption, recording, columns=3, loc="lower center")
         caption.legends[0].set_bbox_to_anchor((0.5, 1.22 / size[1]), caption.transSubfigure)
         _draw_commands(commands, recording, None)
+        name = plain_text(episode_name(recording, policy))
+        figure.text(0.5, 1.0 - 0.06 / size[1], name, ha="center", va="top", fontsize=9)
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)  # static background of all frames
         scene = figure.add_axes(place)

@@ -7,9 +7,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from navrl.evaluation.recording import Recording
-from navrl.viz.animation import OUTCOME_WORDS
+from navrl.viz.animation import OUTCOME_WORDS, episode_name
 from navrl.viz.scene import draw_scene
-from navrl.viz.style import style
+from navrl.viz.style import plain_text, style
 
 FRAME_PIXELS = 480
 """Height and width of a frame, equal for all worlds, as required for videos of several episodes."""
@@ -34,13 +34,14 @@ class LiveScene:
         Returns:
             ``[FRAME_PIXELS, FRAME_PIXELS, 3]`` uint8.
         """
-        caption = f"t = {recording.num_steps * recording.time_step_s:.1f} s"
+        seconds = recording.num_steps * recording.time_step_s
+        caption = f"{episode_name(recording)}, t = {seconds:.1f} s"
         if recording.outcome in OUTCOME_WORDS:
             caption += f", {OUTCOME_WORDS[recording.outcome]}"
         with style():
             self._axes.clear()
             draw_scene(self._axes, recording, recording.num_steps)
             self._axes.set_axis_off()
-            self._axes.set_title(caption)
+            self._axes.set_title(plain_text(caption))
             self._canvas.draw()
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()

@@ -53,6 +53,12 @@ def find_episode(sources: Sequence[str | Path]) -> Path:
     return find_files(sources, "*.npz")[0]
 
 
+def _episode(sources: Sequence[str | Path]) -> tuple[Recording, str | None]:
+    """Return the recording of :func:`find_episode` and its policy, if known."""
+    file = find_episode(sources)
+    return Recording.load(file), policy_of(file)
+
+
 def _below(source: Path, patterns: Sequence[str]) -> list[Path]:
     if source.is_file():
         return [source]
@@ -89,8 +95,8 @@ def attention(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, step: int | None = None
 ) -> list[Path]:
     """Draw a scene with spatial attention on sectors and temporal attention on descriptors."""
-    recording = Recording.load(find_episode(sources))
-    return _each_format(lambda file: save_png(recording, file, step), out, formats)
+    recording, policy = _episode(sources)
+    return _each_format(lambda file: save_png(recording, file, step, policy), out, formats)
 
 
 def tagd(
@@ -101,16 +107,17 @@ def tagd(
     group_radius: float = 0.25,
 ) -> list[Path]:
     """Draw the computation of descriptors from two scans in five steps."""
-    recording = Recording.load(find_episode(sources))
-    return _each_format(lambda file: save_tagd(recording, file, step, group_radius), out, formats)
+    recording, policy = _episode(sources)
+    return _each_format(
+        lambda file: save_tagd(recording, file, step, group_radius, policy), out, formats
+    )
 
 
 def strip(
     sources: Sequence[str], out: Path, formats: Sequence[str] = FORMATS, count: int = 6
 ) -> list[Path]:
     """Draw scenes of an episode side by side."""
-    episode = find_episode(sources)
-    recording, policy = Recording.load(episode), policy_of(episode)
+    recording, policy = _episode(sources)
     return _each_format(lambda file: save_strip(recording, file, count, policy), out, formats)
 
 
@@ -128,12 +135,14 @@ def failures(
 
 def gif(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
     """Write an episode as GIF."""
-    return [save_gif(Recording.load(find_episode(sources)), out.with_suffix(".gif"), frames_per_s)]
+    recording, policy = _episode(sources)
+    return [save_gif(recording, out.with_suffix(".gif"), frames_per_s, policy)]
 
 
 def mp4(sources: Sequence[str], out: Path, frames_per_s: float | None = None) -> list[Path]:
     """Write an episode as MP4; needs the program ffmpeg."""
-    return [save_mp4(Recording.load(find_episode(sources)), out.with_suffix(".mp4"), frames_per_s)]
+    recording, policy = _episode(sources)
+    return [save_mp4(recording, out.with_suffix(".mp4"), frames_per_s, policy)]
 
 
 def rerun(sources: Sequence[str], out: Path) -> list[Path]:

@@ -12,8 +12,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrow, Patch
 
 from navrl.evaluation.recording import Recording
+from navrl.viz.animation import episode_name
 from navrl.viz.legend import ArrowHandler
-from navrl.viz.style import BLACK, BLUE, GRAY, GREEN, ORANGE, PURPLE, VERMILLION, save_figure, style
+from navrl.viz.style import (
+    BLACK,
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    plain_text,
+    save_figure,
+    style,
+)
 
 _NOW, _BEFORE, _CENTER = BLUE, ORANGE, GREEN
 _CLOSE_UP_M = 0.55  # half the width of the close-up
@@ -23,7 +35,11 @@ _TOLERANCE_RAD = 1e-6
 
 
 def save_tagd(
-    recording: Recording, file: str | Path, step: int | None = None, group_radius: float = 0.25
+    recording: Recording,
+    file: str | Path,
+    step: int | None = None,
+    group_radius: float = 0.25,
+    policy: str | None = None,
 ) -> Path:
     """Draw the computation of descriptors from two scans, as in the paper's schematic.
 
@@ -37,6 +53,7 @@ def save_tagd(
         file: ``.png``, ``.svg`` or ``.pdf``.
         step: 1 to T. The one that shows a moving pedestrian best if ``None``.
         group_radius: Distance d_thresh within which points belong to a center, m.
+        policy: Name of the policy, for the headline.
 
     Returns:
         The file.
@@ -61,7 +78,8 @@ def save_tagd(
             axes.set_aspect("equal")
             axes.set(xlabel="x in m, robot frame", ylabel="y in m, robot frame")
         seconds = step * recording.time_step_s
-        figure.suptitle(f"From two scans to descriptors, t = {seconds:.1f} s", fontsize=10)
+        title = f"{episode_name(recording, policy)}: from two scans to descriptors, t = "
+        figure.suptitle(plain_text(f"{title}{seconds:.1f} s"), fontsize=10)
         figure.legend(
             handles=_handles(),
             handler_map={FancyArrow: ArrowHandler()},

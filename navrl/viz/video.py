@@ -17,13 +17,16 @@ from navrl.viz.animation import render_frames
 _HOLD_S = 1.5  # s, additional duration of the last frame
 
 
-def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -> Path:
+def save_mp4(
+    recording: Recording, file: str | Path, fps: float | None = None, policy: str | None = None
+) -> Path:
     """Write an episode as an H.264 video, playable in browsers and slides.
 
     Args:
         recording: The episode.
         file: ``.mp4``; missing folders are created.
         fps: Frames (steps) per second; real time if ``None``.
+        policy: Name of the policy, for the headline.
 
     Returns:
         The file.
@@ -42,7 +45,7 @@ def save_mp4(recording: Recording, file: str | Path, fps: float | None = None) -
     program = shutil.which("ffmpeg")
     if program is None:
         raise FileNotFoundError("MP4 needs the program ffmpeg: install it, e.g. apt install ffmpeg")
-    frames = [_even(frame) for frame in render_frames(recording)]
+    frames = [_even(frame) for frame in render_frames(recording, policy)]
     frames += [frames[-1]] * round(_HOLD_S * fps)
     with replacing_path(file) as fresh:
         _encode(program, np.stack(frames), fps, fresh)

@@ -35,6 +35,7 @@ class ScenarioPool:
             suite, or a damaged one, is replaced; a failure to write it causes a warning.
         empty_share: Share of draws without pedestrians. Not in the paper: a robot that always meets
             a pedestrian half-way never reaches its goal and cannot learn from it.
+        progress: Whether to show the progress of the generation.
 
     Raises:
         ValueError: If ``empty_share`` is outside [0, 1].
@@ -46,13 +47,14 @@ class ScenarioPool:
         num_workers: int = 1,
         cache: Path | None = None,
         empty_share: float = 0.0,
+        progress: bool = False,
     ) -> None:
         if not 0 <= empty_share <= 1:
             raise ValueError(f"empty_share={empty_share}: must be in [0, 1]")
         self.empty_share = empty_share
         batch = _load(cache, suite) if cache is not None else None
         if batch is None:
-            batch = suite.batch(num_workers)
+            batch = suite.batch(num_workers, progress)
             if cache is not None:
                 _save(cache, suite, batch)
         self.batch = batch

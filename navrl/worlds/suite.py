@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import current_process
 from typing import Protocol
 
+from tqdm import tqdm
+
 from navrl.processes import worker_context
+from navrl.progress_bar import progress_bar
 from navrl.worlds.batch import ScenarioBatch
 from navrl.worlds.frozen import episodes_hash, frozen_episodes
 from navrl.worlds.scenario import Scenario
+
+_DELAY_S = 2.0  # s; generation that is faster shows no progress
 
 
 class Distribution(Protocol):
@@ -57,13 +62,17 @@ class Suite:
         self.scenes = name if scenes is None else scenes
 
     def scenarios(
-        self, indices: Iterable[int] | None = None, num_workers: int = 1
+        self,
+        indices: Iterable[int] | None = None,
+        num_workers: int = 1,
+        progress: bool = False,
     ) -> list[Scenario]:
         """Generate scenarios; the result does not depend on the number of worker processes.
 
         Args:
             indices: Indices of the scenarios; all if ``None``.
             num_workers: Number of processes; 1 uses the current one.
+            progress: Whether to show progress and remaining time, if it takes some seconds.
 
         Raises:
             ValueError: If an index is out of range.
@@ -73,22 +82,23 @@ class Suite:
         for index in indices:
             if not 0 <= index < self.num_episodes:
                 raise ValueError(f"index {index}: suite '{self.name}' has {self.num_episodes}")
-        found = self._generate(indices, num_workers)
+        found = self._generate(indices, num_workers, progress)
         if self.version is not None:
             frozen_episodes(self.name, self.version).check(indices, found)
         return found
 
-    def _generate(self, indices: list[int], num_workers: int) -> list[Scenario]:
+    def _generate(self, indices: list[int], num_workers: int, progress: bool) -> list[Scenario]:
         sample = partial(self.distribution.sample, self.scenes, self.seed)
-        # A daemonic process, as in vector environments, cannot start children.
-        if num_workers <= 1 or len(indices) < 32 or current_process().daemon:
-            return [sample(index) for index in indices]
-        with ProcessPoolExecutor(num_workers, mp_context=worker_context()) as workers:
-            return list(workers.map(sample, indices, chunksize=16))
+        with progress_bar(len(indices), "scenario", enabled=progress, delay_s=_DELAY_S) as bar:
+            # A daemonic process, as in vector environments, cannot start children.
+            if num_workers <= 1 or len(indices) < 32 or current_process().daemon:
+                return list(_counted(map(sample, indices), bar))
+            with ProcessPoolExecutor(num_workers, mp_context=worker_context()) as workers:
+                return list(_counted(workers.map(sample, indices, chunksize=16), bar))
 
-    def batch(self, num_workers: int = 1) -> ScenarioBatch:
-        """Return all scenarios as a batch."""
-        return ScenarioBatch.pack(self.scenarios(num_workers=num_workers))
+    def batch(self, num_workers: int = 1, progress: bool = False) -> ScenarioBatch:
+        """Return all scenarios as a batch; arguments as of :meth:`scenarios`."""
+        return ScenarioBatch.pack(self.scenarios(num_workers=num_workers, progress=progress))
 
     def hash(self, scenarios: list[Scenario] | None = None) -> str:
         """Return the SHA-256 of all scenarios' fingerprints, as hexadecimal digits.
@@ -97,3 +107,10 @@ class Suite:
             scenarios: All scenarios, if already generated.
         """
         return episodes_hash(self.scenarios() if scenarios is None else scenarios)
+
+
+def _counted(scenarios: Iterable[Scenario], bar: tqdm) -> Iterator[Scenario]:
+    """Yield scenarios and count them."""
+    for scenario in scenarios:
+        bar.update()
+        yield scenario

@@ -69,6 +69,26 @@ def test_card_and_curve(run, evaluation, tmp_path, capsys):
     assert [row["updates"] for row in rows] == [str(n) for n in range(0, 4600, 400)]
 
 
+def test_card_lists_commands_versions_and_seed(run, evaluation, tmp_path):
+    (run / "config.yaml").write_text("seed: 3\nnum_threads: 1\ndevice: cpu\n")
+    (run / "commands.txt").write_text(
+        "navrl-train seed=3  # 2026-01-02 03:04 UTC, navrl 0.1.0 at commit abc, riscv, 2 cores\n"
+        "navrl-train resume=x  # 2026-01-03 03:04 UTC, navrl 0.1.0 at commit def-dirty, riscv\n"
+    )
+    (evaluation / ".hydra").mkdir()
+    words = ["policy=outputs/x", "suite=table1", "simulator=bullet", "num_processes=4"]
+    (evaluation / ".hydra" / "overrides.yaml").write_text("".join(f"- {w}\n" for w in words))
+    out = tmp_path / "mine"
+    main([str(run), str(out), "--evaluations", str(evaluation)])
+    card = (out / "card.md").read_text()
+    section = card[card.index("To repeat:") :]
+    assert "code, packages and machine: 2026-01-03 03:04 UTC, navrl 0.1.0 at commit def" in section
+    assert "changes that are not part of that commit" in section
+    assert "resumed 1 times" in section and "seed 3, device cpu, threads 1" in section
+    assert "navrl-evaluate policy=mine suite=table1 simulator=bullet\n" in section
+    assert (out / "run.yaml").read_text() == (run / "config.yaml").read_text()
+
+
 def test_published_weights_equal_the_runs(run, tmp_path):
     out = tmp_path / "mine"
     main([str(run), str(out)])

@@ -140,12 +140,12 @@ def test_system_error_states_how_to_continue(tmp_path):
 
 
 def test_full_disk_at_a_row_of_the_log_names_the_file(tmp_path):
-    log = MetricsLog(tmp_path, tensorboard=False)
+    log = MetricsLog(tmp_path)
     log.log(10, 1, {"a": 1.0})
     size = (tmp_path / "metrics.csv").stat().st_size
     with largest_file(size + 2), pytest.raises(OSError, match=r"File too large.*metrics\.csv"):
         log.log(20, 2, {"a": 2.0})
-    log = MetricsLog(tmp_path, tensorboard=False, resume_frames=20)  # the row was cut off
+    log = MetricsLog(tmp_path, resume_frames=20)  # the row was cut off
     log.log(20, 2, {"a": 3.0})
     assert (tmp_path / "metrics.csv").read_text().split() == [
         "frames,updates,a",
@@ -155,10 +155,10 @@ def test_full_disk_at_a_row_of_the_log_names_the_file(tmp_path):
 
 
 def test_log_retains_only_rows_of_the_checkpoint(tmp_path):
-    log = MetricsLog(tmp_path, tensorboard=False)
+    log = MetricsLog(tmp_path)
     for value in (1.0, 2.0, 3.0):
         log.log(10, 1, {"a": value})
-    log = MetricsLog(tmp_path, tensorboard=False, resume_frames=10, resume_rows=2)
+    log = MetricsLog(tmp_path, resume_frames=10, resume_rows=2)
     assert log.num_rows == 2
     log.log(20, 2, {"a": 4.0})
     assert log.num_rows == 3

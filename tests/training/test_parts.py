@@ -126,11 +126,11 @@ def test_checkpoint_is_valid_beside_a_partial_successor(tmp_path):
 
 
 def test_log_adds_columns_and_drops_repeated_rows(tmp_path):
-    log = MetricsLog(tmp_path, tensorboard=False)
+    log = MetricsLog(tmp_path)
     log.log(10, 1, {"a": 1.0})
     log.log(20, 2, {"a": 2.0, "b": 3.0})
     log.log(30, 3, {"a": 4.0})
-    log = MetricsLog(tmp_path, tensorboard=False, resume_frames=20)
+    log = MetricsLog(tmp_path, resume_frames=20)
     log.log(30, 3, {"b": 5.0})
     rows = list(csv.DictReader((tmp_path / "metrics.csv").open()))
     assert [row["frames"] for row in rows] == ["10", "20", "30"]

@@ -1,10 +1,13 @@
 """Stills, strips and GIFs of an episode."""
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from navrl.viz import save_gif, save_png, save_strip
+from navrl.viz import save_gif, save_png, save_strip, save_tagd
+from navrl.viz.animation import episode_name, render_frames
 from navrl.viz.gif import write_gif
 
 
@@ -72,3 +75,15 @@ def test_bad_arguments_are_named(tmp_path, recording):
         save_png(recording, tmp_path / "episode.png", step=999)
     with pytest.raises(ValueError, match="count=1"):
         save_strip(recording, tmp_path / "strip.png", count=1)
+
+
+def test_pictures_name_policy_suite_and_episode(recording, tmp_path):
+    scenario = json.loads(recording.scenario)
+    name = f"mine: {scenario['suite']} #{scenario['index']}, {scenario['kind']}"
+    assert name in save_png(recording, tmp_path / "moment.svg", 0, "mine").read_text()
+    assert name in save_tagd(recording, tmp_path / "tagd.svg", policy="mine").read_text()
+    assert episode_name(recording) == name.removeprefix("mine: ")
+    named, unnamed = (next(render_frames(recording, policy)) for policy in ("mine", None))
+    assert named.shape == unnamed.shape
+    rows = (named != unnamed).any(axis=(1, 2)).nonzero()[0]
+    assert rows.min() > 0 and rows.max() < 25  # the headline is all that differs

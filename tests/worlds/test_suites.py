@@ -272,3 +272,14 @@ def test_path_followers_meet_a_pedestrian(social, kind):
 def test_cards_alternate_between_mirror_images(social):
     starts = np.array([one.start[1] for one in social if one.kind == "narrow_doorway"])
     assert (starts[::2] > 0).all() and (starts[1::2] < 0).all()
+
+
+def test_long_generation_shows_progress(monkeypatch, capsys):
+    from navrl.worlds import suite as module
+
+    monkeypatch.setattr(module, "_DELAY_S", 0.0)
+    made = compose("evaluate", ["suite=smoke", "suite.num_episodes=3"]).suite
+    silent, shown = (instantiate(made).scenarios(progress=shown) for shown in (False, True))
+    assert [s.to_json() for s in silent] == [s.to_json() for s in shown]
+    err = capsys.readouterr().err
+    assert "3/3" in err and "scenario/s" in err
