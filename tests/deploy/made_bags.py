@@ -219,17 +219,18 @@ def driven(
         turn_rate: rad/s.
         mount: Mount of the lidar, in tf_static.
         more: Called every 0.05 s with the writer, the time and the pose.
-        options: ``without``: names of what is left out; ``scan``: fields of the scans;
-            ``change``: function of the ranges.
+        options: ``without``: names of what is left out; ``scan``: fields of the scans; ``change``:
+            function of the ranges; ``turn``: quaternion of the mount in tf, ``told``: its pose;
+            ``every``: steps of 0.05 s between scans; ``pose_qos``.
     """
     without, change = options.get("without", ()), options.get("change", lambda ranges: ranges)
     file = folder / ("drive.bag" if form == "ros1" else f"drive_{form}")
     writer = Writer(file, form)
     bearings = -math.pi + 2 * math.pi / num_beams * np.arange(num_beams)
     x = y = yaw = 0.0
-    turn = None if options.get("turn") is None else options["turn"]
+    told, every = options.get("told", mount), options.get("every", 2)
     if "tf" not in without:
-        writer.frame(START_S, "base_link", "laser", mount, turn, is_static=True)
+        writer.frame(START_S, "base_link", "laser", told, options.get("turn"), is_static=True)
     if "path" not in without:
         writer.path(START_S, [(0.05 * k, 0.0) for k in range(101)])
     for k in range(round(duration_s / 0.05)):
@@ -237,8 +238,8 @@ def driven(
         if "odometry" not in without:
             writer.odometry(time, (x + 3.0, y, yaw), speed, turn_rate)
         if k % 4 == 0 and "pose" not in without:
-            writer.located(time, (x, y, yaw))
-        if k % 2 == 0:
+            writer.located(time, (x, y, yaw), options.get("pose_qos", "latched"))
+        if k % every == 0:
             cos, sin = math.cos(yaw), math.sin(yaw)
             at = (x + cos * mount[0] - sin * mount[1], y + sin * mount[0] + cos * mount[1])
             ranges = change(room((*at, yaw + mount[2]), bearings))

@@ -103,7 +103,7 @@ class CarmenLog:
 
 
 class _State:
-    """What a line means after the lines before it."""
+    """Parser of lines that remembers the lines before."""
 
     def __init__(self) -> None:
         self._offset = {"FLASER": (0.0, 0.0, 0.0), "RLASER": (0.0, 0.0, math.pi)}

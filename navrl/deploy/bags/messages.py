@@ -1,4 +1,4 @@
-"""Messages of a log in numpy, whatever its format."""
+"""Messages of a log in numpy, the same for all formats."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def choose_scans(log: Log, name: str | None = None) -> str:
     """Return the topic of the scans.
 
     Raises:
-        ValueError: As :func:`choose_topic`, and if the log has no scans.
+        ValueError: If :func:`choose_topic` raises it, or the log has no scans.
     """
     topic = choose_topic(log, "scan", name)
     if topic is None:

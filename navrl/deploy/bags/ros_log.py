@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -93,7 +92,7 @@ class RosLog:
         self._reader.close()
 
 
-def _topic(name: str, info: Any) -> Topic:
+def _topic(name: str, info: Message) -> Topic:
     kind = _DECODERS.get(info.msgtype, (None, None))[0]
     policies = [
         profile

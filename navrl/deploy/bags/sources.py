@@ -1,4 +1,4 @@
-"""Inputs of a controller from a log: chosen topics, poses from tf, and the mount of the lidar."""
+"""Inputs of a controller from a log: topics, poses from tf, mount of the lidar."""
 
 from __future__ import annotations
 
