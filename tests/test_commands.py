@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pages
 import pytest
+from made_bags import driven
 from omegaconf import OmegaConf
 
 from navrl.config import CONF_DIR, compose
@@ -33,6 +34,8 @@ SHORTER = {
     "navrl-report": (),
     "navrl-suites": (),
     "navrl-search": (*pages.TINY_TRAINING, "trials=2"),
+    "navrl-doctor": ("policy=paper", "training_scan=false"),
+    "navrl-replay": ("policy=paper", "duration_s=0.5"),
 }
 RUN = "outputs/train/2026-11-23_12-00-00"
 MINE = "navrl-train --config-dir my_conf experiment=mine"
@@ -93,6 +96,7 @@ OTHERS = {
     "python tests/clients/vector_speed.py",  # minutes; tests/clients has the equality
     "g++ -std=c++17",  # tests/export compiles the program where there is a compiler
     "pip install -e '.[full,onnx]'",
+    "pip install -c constraints.txt -e '.[full,bags]'",
     MINE,  # the last test
 }
 OWN_TESTS = {
@@ -213,6 +217,7 @@ class Bench:
         (folder / "user").mkdir()
         self._monkeypatch.chdir(folder / "user")
         pages.run("navrl-train", *SHORTER["navrl-train"], f"hydra.run.dir={RUN}")
+        driven(folder / "user", "ros1", duration_s=2.0)  # drive.bag
 
     def _run(self, folder, command, extra, before):
         for state in before:

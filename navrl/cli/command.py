@@ -19,7 +19,9 @@ from navrl.config import CONF_DIR, USER_ERRORS, check_types, describe, nearest_n
 from navrl.deprecated_groups import check_groups, renamed_overrides
 
 
-def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
+def hydra_main(
+    config_name: str, argument: str | None = None
+) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
     """Make a command of a function that takes a config.
 
     What a user can get wrong (an override, a range, a file) ends in one line on stderr and exit
@@ -28,6 +30,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
 
     Args:
         config_name: The command's primary config.
+        argument: Key that a first word without a key sets, e.g. ``bag`` in ``navrl-replay BAG``.
     """
 
     def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
@@ -43,7 +46,7 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
         @functools.wraps(task)
         def main() -> None:
             os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us, not a printed page
-            sys.argv[1:] = renamed_overrides(sys.argv[1:])
+            sys.argv[1:] = renamed_overrides(_with_key(sys.argv[1:], argument))
             with _ErrorLine(config_name):
                 if not _is_help_shown(config_name, sys.argv[1:]):
                     run(checked)()
@@ -51,6 +54,14 @@ def hydra_main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Call
         return main
 
     return decorate
+
+
+def _with_key(words: list[str], key: str | None) -> list[str]:
+    """Return the words with the key of a first word that has none, quoted for Hydra."""
+    if key is None or not words or "=" in words[0] or words[0][:1] in ("-", "+", "~", ""):
+        return words
+    quoted = words[0].replace("\\", "\\\\").replace("'", "\\'")
+    return [f"{key}='{quoted}'", *words[1:]]
 
 
 def _is_help_shown(config_name: str, words: list[str]) -> bool:

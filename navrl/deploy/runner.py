@@ -59,6 +59,7 @@ class PolicyRunner:
     Attributes:
         state: :class:`DriveState` after the last call of :meth:`act`; ``None`` before the first one
             and after one that raised.
+        transform: The transforms with the scaling of the action, clones of the arguments.
 
     Raises:
         ValueError: If the transforms do not fit the lidar; the message names the transform.
@@ -97,7 +98,7 @@ class PolicyRunner:
         senses = TransformedEnv(SensorEnv(lidar, self._base), transforms.clone())
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
-        self._env, self._transform = senses, senses.transform
+        self._env, self.transform = senses, senses.transform
         self._actor, self._robot = actor, robot
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
@@ -229,7 +230,7 @@ class PolicyRunner:
         now = self._observe(sensed)
         answer = self._act(now)
         action = answer.pop(keys.ACTION)
-        command = self._transform.inv(now.copy().set(keys.ACTION, action)).get(keys.ACTION)
+        command = self.transform.inv(now.copy().set(keys.ACTION, action)).get(keys.ACTION)
         command = safe_command(command[0].numpy(), self._robot)
         if command is None:
             return None, DriveState.BAD_COMMAND
@@ -244,14 +245,14 @@ class PolicyRunner:
             path, pose = sensed.get(keys.PATH)[0], sensed.get(keys.POSE)[0]
             start = start_progress(path.numpy(), pose[:2].numpy())
         if past is None:
-            past = self._transform._reset(sensed.copy(), sensed.copy())
+            past = self.transform._reset(sensed.copy(), sensed.copy())
             if start is None or not self._progress_keys:
                 return past
         if start is not None:
             past = past.copy()
             for key in self._progress_keys:
                 past.set(key, torch.tensor([[start]]))
-        now = self._transform._step(past, sensed)
+        now = self.transform._step(past, sensed)
         if keys.ACTION in past:
             now.set(keys.ACTION, past.get(keys.ACTION))  # controllers read their last action
         return now

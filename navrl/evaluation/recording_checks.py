@@ -13,6 +13,8 @@ from navrl.sim import Contact
 from navrl.untrusted import is_number
 from navrl.worlds import Scenario
 
+REPLAY = "replay"
+"""Outcome of the recording of a log, in which the robot drove by other commands."""
 _POSITIVE = ("time_step_s", "robot_radius", "goal_radius", "max_range")
 _WITH_GAPS = (keys.PEDESTRIAN_BOXES, keys.RANGES)  # NaN: absent pedestrian, no return
 
@@ -23,7 +25,7 @@ def check_plain(values: Mapping[str, object]) -> None:
     Raises:
         ValueError: If a value is not allowed; the message names the first one.
     """
-    known = (*OUTCOMES, ERROR)
+    known = (*OUTCOMES, ERROR, REPLAY)
     if values["outcome"] not in known:
         shown = str(values["outcome"])[:60]
         raise ValueError(f"outcome={shown!r}: must be one of {', '.join(known)}")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.envs import Compose, Transform, TransformedEnv
+from torchrl.envs import TransformedEnv
 
 from navrl import keys
 from navrl.envs.transformed import base_env
 from navrl.evaluation.metrics import Trajectory
-from navrl.transforms import ActionShield
+from navrl.transforms.requested import is_shielded, requested_action
 from navrl.worlds import ScenarioBatch
 
 
@@ -29,22 +27,9 @@ def requested_command(env: TransformedEnv, stepped: TensorDictBase) -> Tensor:
         stepped: Transition of ``env``.
     """
     driven = stepped["next", keys.COMMAND]
-    steps = list(_leaves(env.transform))
-    if not any(isinstance(step, ActionShield) for step in steps):
+    if not is_shielded(env.transform):
         return driven
-    before = stepped.exclude("next")
-    for step in reversed(steps):
-        if not isinstance(step, ActionShield):
-            before = step.inv(before)
-    return before[keys.ACTION].to(driven.dtype)
-
-
-def _leaves(transform: Transform) -> Iterator[Transform]:
-    """Yield the transforms of nested chains in order."""
-    for step in transform if isinstance(transform, Compose) else ():
-        yield from _leaves(step)
-    if not isinstance(transform, Compose):
-        yield transform
+    return requested_action(env.transform, stepped.exclude("next")).to(driven.dtype)
 
 
 class Series:

@@ -31,6 +31,7 @@ OUTCOME_WORDS = {
     "collision_pedestrian": "collision with a pedestrian",
     "collision_static": "collision with a wall",
     "timeout": "time is up",
+    "replay": "replay of a log",
 }
 """Display texts of outcomes."""
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from navrl.evaluation.recording import Recording
+from navrl.evaluation.recording_checks import REPLAY
 from navrl.viz.animation import OUTCOME_WORDS, episode_name
 from navrl.viz.legend import add_legend
 from navrl.viz.scene import draw_scene
@@ -28,7 +29,7 @@ def save_failures(
     """Draw the end of every failed episode, with the robot's trajectory.
 
     Args:
-        recordings: Episodes; successes are skipped.
+        recordings: Episodes; successes and replays of logs are skipped.
         file: ``.png``, ``.svg`` or ``.pdf``.
         limit: Maximum number of scenes; the first ones are drawn, and the headline has the total.
         policies: Policy of each recording, ``None`` if unknown.
@@ -44,7 +45,7 @@ def save_failures(
         raise ValueError(f"limit={limit}: must be at least 1")
     policies = [None] * len(recordings) if policies is None else policies
     pairs = zip(recordings, policies, strict=True)
-    failed = [(recording, policy) for recording, policy in pairs if recording.outcome != "success"]
+    failed = [pair for pair in pairs if pair[0].outcome not in ("success", REPLAY)]
     if not failed:
         raise ValueError(f"recordings: none of {len(recordings)} failed, must have at least one")
     shown = failed[:limit]

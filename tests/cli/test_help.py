@@ -87,7 +87,13 @@ def test_help_shows_default_and_comment(command, line, monkeypatch, capsys):
 def test_help_omits_keys_of_other_commands(command, monkeypatch, capsys):
     text = shown(command, "--help", monkeypatch, capsys)
     assert "ablation" not in text or command == "train"
-    assert "zoo  " not in text or command in ("evaluate", "export", "play")
+    assert "zoo  " not in text or command in (
+        "doctor",
+        "evaluate",
+        "export",
+        "play",
+        "replay",
+    )
     assert "callbacks" not in text and "override_dirname" not in text
 
 

@@ -141,7 +141,7 @@ def test_runner_and_environment_see_the_same_bins():
     observed = env.reset()
     runner = PolicyRunner(seen_steps(), None, instantiate(cfg.lidar), instantiate(cfg.robot))
     sensed = runner._checked(observed["ranges"][0], (0.0, 0.0, 0.0), AHEAD)
-    sensed = runner._transform._reset(sensed, sensed)
+    sensed = runner.transform._reset(sensed, sensed)
     assert torch.equal(sensed["seen"], observed["seen"]) and not observed["seen"].all()
     for key in ("ranges_pooled", "points", "returns"):
         assert torch.equal(sensed[key], observed[key])

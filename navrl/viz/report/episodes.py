@@ -28,6 +28,8 @@ _DESCRIPTIONS = {
     "collision_wall": "The robot hit a wall after {seconds}; contact was {at}.",
     "collision_furniture": "The robot hit a piece of furniture after {seconds}; contact was {at}.",
     "timeout": "The time limit was reached after {seconds}, {left:.2f} m before the goal.",
+    "replay": "Replay of a log of {seconds}: the robot drove by its recorded commands; the "
+    "policy's commands are those it would have given there.",
 }
 
 

@@ -1,0 +1,42 @@
+"""Logs of robots, read without ROS: bags of ROS 1 and ROS 2, and logs of CARMEN."""
+
+from navrl.deploy.bags.carmen_log import CarmenLog
+from navrl.deploy.bags.frames import FrameTree, Placed, homogeneous
+from navrl.deploy.bags.messages import (
+    FrameTransform,
+    Log,
+    Logged,
+    LoggedCommand,
+    LoggedOdometry,
+    LoggedPath,
+    LoggedPose,
+    LoggedScan,
+    LoggedTransforms,
+    Topic,
+)
+from navrl.deploy.bags.opening import choose_scans, choose_topic, open_log
+from navrl.deploy.bags.ros_log import RosLog
+from navrl.deploy.bags.sources import LogSource, Topics
+
+__all__ = [
+    "CarmenLog",
+    "FrameTransform",
+    "FrameTree",
+    "Log",
+    "LogSource",
+    "Logged",
+    "LoggedCommand",
+    "LoggedOdometry",
+    "LoggedPath",
+    "LoggedPose",
+    "LoggedScan",
+    "LoggedTransforms",
+    "Placed",
+    "RosLog",
+    "Topic",
+    "Topics",
+    "choose_scans",
+    "choose_topic",
+    "homogeneous",
+    "open_log",
+]
