@@ -59,6 +59,8 @@ def search(cfg: DictConfig, overrides: Sequence[str], folder: Path) -> Study:
     optuna.logging.disable_default_handler()  # it colors lines in files, too
     optuna.logging.enable_propagation()
     space = search_space(cfg.space)
+    if cfg.resume is not None:
+        raise ValueError(f"resume={cfg.resume}: must be null, the same search resumes its trials")
     if not isinstance(cfg.trials, int) or cfg.trials < 1:
         raise ValueError(f"trials={cfg.trials}: must be an integer of at least 1")
     storage = f"sqlite:///{(folder / STUDY).resolve()}"
