@@ -59,6 +59,8 @@ def search(cfg: DictConfig, overrides: Sequence[str], folder: Path) -> Study:
     optuna.logging.disable_default_handler()  # it colors lines in files, too
     optuna.logging.enable_propagation()
     space = search_space(cfg.space)
+    if cfg.resume is not None:
+        raise ValueError(f"resume={cfg.resume}: must be null, the same search resumes its trials")
     if not isinstance(cfg.trials, int) or cfg.trials < 1:
         raise ValueError(f"trials={cfg.trials}: must be an integer of at least 1")
     storage = f"sqlite:///{(folder / STUDY).resolve()}"
@@ -99,7 +101,7 @@ def search_space(space: Sequence[str]) -> dict[str, BaseDistribution]:
         try:
             (parsed,) = OverridesParser.create().parse_overrides([str(text)])
             found[parsed.key_or_group] = _distribution(parsed.value())
-        except (HydraException, ValueError, TypeError) as error:
+        except (HydraException, ValueError, TypeError, ZeroDivisionError) as error:
             reason = str(error).strip().splitlines()[0]
             raise ValueError(
                 f"space={text}: must be KEY=interval(a,b), KEY=tag(log,interval(a,b)), "
@@ -122,7 +124,7 @@ def _distribution(value: object) -> BaseDistribution:
         return FloatDistribution(value.start, value.end, log="log" in value.tags)
     if isinstance(value, RangeSweep):
         first, last, step = value.start, value.stop, value.step
-        if not all(isinstance(x, int) for x in (first, last, step)) or step < 1:
+        if not (isinstance(first, int) and isinstance(last, int) and isinstance(step, int)):
             raise ValueError("a range must have integers")
         return IntDistribution(first, last - 1 - (last - 1 - first) % step, step=step)
     if isinstance(value, ChoiceSweep):

@@ -107,6 +107,7 @@ def test_interrupted_trial_continues_in_its_folder(fake, tmp_path):
 def test_trials_and_prune_are_checked(tmp_path):
     for override, message in (
         ("trials=0", "trials=0: must be an integer of at least 1"),
+        ("resume=x", "resume=x: must be null"),
         ("prune.warmup_frames=-1", "must have startup_trials and warmup_frames"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 from PIL import Image
-from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.compat.proto import summary_pb2
 from torch.utils.tensorboard import SummaryWriter
 from torchrl.record.loggers import CSVLogger, TensorboardLogger
 
@@ -54,12 +54,13 @@ class _TensorBoardLogger(TensorboardLogger):
 
     def log_gif(self, name: str, file: Path, step: int) -> None:
         """Log an animation; TorchRL's ``log_video`` needs a release of moviepy before 2."""
+        kind = summary_pb2.Summary  # pyright: ignore[reportAttributeAccessIssue]
         with Image.open(file) as image:
             width, height = image.size
-        content = Summary.Image(
+        content = kind.Image(
             height=height, width=width, colorspace=3, encoded_image_string=file.read_bytes()
         )
-        summary = Summary(value=[Summary.Value(tag=name, image=content)])
+        summary = kind(value=[kind.Value(tag=name, image=content)])
         self.experiment._get_file_writer().add_summary(summary, step)
 
 
