@@ -179,7 +179,8 @@ class _Reader:
 
     def _pair(self, scan: LoggedScan) -> None:
         """Align the scan with an earlier one if the robot has moved in between."""
-        if len(self._moves) >= _NUM_PAIRS or not len(self._motion):
+        tried = max(len(self._moves), self._num_fine // 3)
+        if tried >= _NUM_PAIRS or not len(self._motion):
             return
         pose = self._motion.pose_at(scan.stamp)
         if self._anchor is not None:

@@ -187,7 +187,7 @@ class Replay:
         is_stored = self.control.runner.state in _STORED
         if status.num_steps == counts[0] or observation is None or not is_stored:
             return {}
-        pose = observation[keys.POSE][0].numpy()
+        pose = np.array(observation.get(keys.POSE))[0]
         before, self._last_pose = self._last_pose, pose.copy()
         found: dict[str, Any] = {"observation": observation, **self._request(observation, status)}
         if before is None or status.num_resets > counts[1] or status.icp_transform is None:

@@ -150,16 +150,14 @@ def replay_recording(
     if not decided:
         return None
     series = {key: _stacked(decided, key) for key in (*OBSERVED, *DECIDED)}
-    observed = {
-        key: None if series[key] is None else np.concatenate([series[key], series[key][-1:]])
-        for key in OBSERVED
-    }
+    observed = {key: _extended(series[key]) for key in OBSERVED}
     count = len(decided)
     observed[keys.PEDESTRIAN_BOXES] = np.zeros((count + 1, 0, 5))
     action = np.array([tick.status.command[:2] for tick in decided], dtype=np.float32)
     asked = np.array([tick.requested for tick in decided], dtype=np.float32)
     attention = {key: series[key] for key in (keys.SPATIAL_ATTENTION, keys.TEMPORAL_ATTENTION)}
     path, pose = _driven_path(decided), observed[keys.POSE]
+    assert pose is not None  # every observation has it
     lidar, steps = runner.lidar, np.diff([tick.time_s for tick in decided])
     return Recording(
         scenario=_scenario(name, pose[0], path).to_json(),
@@ -184,6 +182,11 @@ def _stacked(decided: Sequence[ReplayedTick], key: str) -> np.ndarray | None:
     if not all(key in observation for observation in found):
         return None
     return np.stack([observation[key][0].numpy() for observation in found])
+
+
+def _extended(values: np.ndarray | None) -> np.ndarray | None:
+    """Return the values with the last row repeated, the one after the last decision."""
+    return None if values is None else np.concatenate([values, values[-1:]])
 
 
 def _driven_path(decided: Sequence[ReplayedTick]) -> np.ndarray:

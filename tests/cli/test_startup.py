@@ -41,7 +41,7 @@ print(json.dumps(results))
 """
 COMMANDS = [
     *(f"{name} --help" for name in ("train", "evaluate", "play", "plot", "compare", "benchmark")),
-    "export --help",
+    *("export --help", "replay --help", "doctor --help"),
     *(f"{name} --help" for name in ("publish", "report", "suites")),
     "suites list",
     "suites check tabel1",
@@ -57,6 +57,8 @@ COMMANDS = [
     "play num_worlds=many",
     "play policy=papre",
     "export policy=papre",
+    "replay bag=absent",
+    "doctor absent policy=papre",
     "benchmark rows=[scna]",
     "compare metric=[spl]",
     "plot sourcx=a",

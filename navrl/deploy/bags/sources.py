@@ -110,9 +110,9 @@ class LogSource:
         }
         wanted = self.topics.pose_source
         if wanted == "auto":
-            found = next((name for name, is_there in available.items() if is_there), "standing")
-            if found != "standing":
-                return found
+            for name, is_there in available.items():
+                if is_there and name != "standing":
+                    return name
             raise ValueError(
                 f"pose_source=auto: {self.log.file} has neither a pose topic, odometry nor tf from "
                 f"{self.topics.global_frame} to {self.base_frame}; for a robot that does not move "
