@@ -101,6 +101,7 @@ OTHERS = {
 }
 OWN_TESTS = {
     "extending.md",
+    "maps.md",
     "own_algorithm.md",
     "own_policy.md",
     "places.md",

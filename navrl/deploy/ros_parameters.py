@@ -149,8 +149,13 @@ def make_planner(
     """
     if parameters["path_source"] != "map":
         return None
-    percent = (100.0 * parameters[name] for name in ("occupied_thresh", "free_thresh"))
-    return MapPlanner(control, parameters["robot_radius"] or None, *percent, on_path)
+    return MapPlanner(
+        control,
+        robot_radius=parameters["robot_radius"] or None,
+        occupied_percent=100.0 * parameters["occupied_thresh"],
+        free_percent=100.0 * parameters["free_thresh"],
+        on_path=on_path,
+    )
 
 
 def has_attention(folder: Path) -> bool:

@@ -28,6 +28,7 @@ ATTENTIONS = {SPATIAL: SPATIAL_COLORS, TEMPORAL: TEMPORAL_COLORS}
 TRAIL_S = 2.0  # s, duration of trails
 VELOCITY_AHEAD_S = 1.0  # s; a velocity arrow ends at the predicted position after this time
 _MARGIN_M = 0.15
+_REACH_M = 12.0  # m from path and trajectory within which walls are shown
 _MOVING_M_S = 0.05  # slower pedestrians are drawn as stationary
 
 
@@ -100,10 +101,15 @@ def attention_scale(recording: Recording, name: str) -> Normalize | None:
 
 
 def scene_limits(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return x and y limits in m that include all walls, the path and the trajectory."""
+    """Return x and y limits in m around walls, path and trajectory.
+
+    Walls of large maps are cut off where they are far from path and trajectory.
+    """
     corners = wall_outlines(recording)
-    points = np.concatenate([*corners, recording.path, recording.pose[:, :2], [recording.goal]])
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    route = np.concatenate([recording.path, recording.pose[:, :2], [recording.goal]])
+    points = np.concatenate([*corners, route])
+    low = np.maximum(points.min(axis=0), route.min(axis=0) - _REACH_M) - _MARGIN_M
+    high = np.minimum(points.max(axis=0), route.max(axis=0) + _REACH_M) + _MARGIN_M
     return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
 

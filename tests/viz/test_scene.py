@@ -167,6 +167,16 @@ def test_axes_are_metric_and_show_everything(recording):
         assert ((points > [left, bottom]) & (points < [right, top])).all()
 
 
+def test_large_maps_are_cut_off_around_the_path(recording):
+    walls = recording.walls.copy()
+    walls[0, 0] = 100.0
+    large = dataclasses.replace(recording, walls=walls)
+    route = np.concatenate([recording.path, recording.pose[:, :2], [recording.goal]])
+    right = scene_limits(large)[0][1]
+    assert right == pytest.approx(route[:, 0].max() + 12.15)
+    assert scene_limits(recording)[0][1] < right
+
+
 def test_closest_step(recording):
     boxes = np.full_like(recording.pedestrian_boxes, np.nan)
     empty = dataclasses.replace(recording, pedestrian_boxes=boxes)

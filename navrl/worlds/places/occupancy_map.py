@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
+from skimage.measure import label
 
 from navrl.untrusted import is_number
 from navrl.worlds.clearance_map import ClearanceMap
@@ -136,9 +137,10 @@ class OccupancyMap:
         around = ~np.pad(self.free, 1, mode="edge")
         mask = np.ones_like(self.free)
         if around.any():
-            gaps = ndimage.distance_transform_edt(~around)[1:-1, 1:-1]
+            gaps = np.asarray(ndimage.distance_transform_edt(~around))[1:-1, 1:-1]
             mask = (gaps - 0.5) * self.cell >= clearance
-        labels, count = ndimage.label(mask)
+        labels = np.asarray(label(mask, connectivity=1))
+        count = int(labels.max())
         sizes = np.bincount(labels.ravel(), minlength=count + 1)
         sizes[0] = 0
         edge = np.concatenate([labels[0], labels[-1], labels[1:-1, 0], labels[1:-1, -1]])
@@ -215,8 +217,7 @@ class OccupancyMap:
     def _cells(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the cells ``[*B, 2]`` of points, clipped, and whether they are on the map."""
         cells = np.floor(turned(points - self.origin[:2], -self.origin[2]) / self.cell)
-        inside = np.isfinite(cells).all(-1) & (cells >= 0).all(-1)
-        inside &= (cells < self.values.shape).all(-1)
+        inside = np.asarray((cells >= 0).all(-1) & (cells < self.values.shape).all(-1))
         return np.where(inside[..., None], cells, 0).astype(int), inside
 
     def _is_free(self, points: np.ndarray) -> np.ndarray:

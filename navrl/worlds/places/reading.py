@@ -14,7 +14,7 @@ from PIL import Image, UnidentifiedImageError
 from navrl.untrusted import DamagedFileError, is_number, read_bytes
 
 FARTHEST_M = 10_000.0  # m from the origin
-REMEDY = "docs/places.md has the formats"
+REMEDY = "docs/places.md and docs/maps.md have the formats"
 _SHOWN = 60  # characters of a value in an error
 _MAX_PIXELS = 10_000  # along each side of a picture
 _PICTURES = {"PPM": "PGM", "PNG": "PNG", "BMP": "BMP"}  # formats of Pillow and their names
