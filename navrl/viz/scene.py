@@ -103,7 +103,7 @@ def attention_scale(recording: Recording, name: str) -> Normalize | None:
 def scene_limits(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return x and y limits in m around walls, path and trajectory.
 
-    Walls of large maps are cut off where they are far from path and trajectory.
+    Walls far from path and trajectory, as on large maps, are outside of the limits.
     """
     corners = wall_outlines(recording)
     route = np.concatenate([recording.path, recording.pose[:, :2], [recording.goal]])

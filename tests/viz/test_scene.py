@@ -167,7 +167,7 @@ def test_axes_are_metric_and_show_everything(recording):
         assert ((points > [left, bottom]) & (points < [right, top])).all()
 
 
-def test_large_maps_are_cut_off_around_the_path(recording):
+def test_limits_of_large_maps_are_around_the_path(recording):
     walls = recording.walls.copy()
     walls[0, 0] = 100.0
     large = dataclasses.replace(recording, walls=walls)
