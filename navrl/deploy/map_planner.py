@@ -6,13 +6,12 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from navrl.deploy.controller import Controller
 from navrl.deploy.safety import DriveState
-from navrl.worlds.places.occupancy_map import OccupancyMap
+from navrl.worlds.places.occupancy_map import Message, OccupancyMap
 
 _LOG = logging.getLogger(__name__)
 MARGIN_M = 0.05  # m between hull and obstacles on a path
@@ -76,13 +75,13 @@ class MapPlanner:
         self.on_path = on_path
         self.reason, self.is_refused = "", False
         self._lock = threading.Lock()
-        self._given: Any = None  # the last map or message
-        self._map: tuple[Any, OccupancyMap] | None = None  # what it was read from, and the map
+        self._given: Message = None  # the last map or message
+        self._map: tuple[Message, OccupancyMap] | None = None  # what it was read from, and the map
         self._goal: tuple[float, float] | None = None  # not yet planned
         self._thread: threading.Thread | None = None
         self._result: tuple[tuple[float, float], np.ndarray | None, str] | None = None
 
-    def set_map(self, given: Any) -> None:
+    def set_map(self, given: Message) -> None:
         """Store an :class:`OccupancyMap` or a nav_msgs/OccupancyGrid for the next goals."""
         with self._lock:
             self._given = given
@@ -137,7 +136,7 @@ class MapPlanner:
             return "waits for a pose"
         return ""
 
-    def _plan(self, goal: tuple[float, float], given: Any, start: np.ndarray) -> None:
+    def _plan(self, goal: tuple[float, float], given: Message, start: np.ndarray) -> None:
         try:
             path, reason = self._read(given).path(start, goal, self.clearance), ""
         except ValueError as error:
@@ -147,7 +146,7 @@ class MapPlanner:
             path, reason = None, f"{type(error).__name__}: {error}"
         self._result = (goal, path, reason)
 
-    def _read(self, given: Any) -> OccupancyMap:
+    def _read(self, given: Message) -> OccupancyMap:
         """Return the map of a message; the last one is retained."""
         if isinstance(given, OccupancyMap):
             return given

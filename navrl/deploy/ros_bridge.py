@@ -6,7 +6,7 @@ Messages are read by their fields, which both versions share, so this module nee
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,7 @@ from navrl.deploy.control_status import ControlStatus
 from navrl.deploy.controller import Controller
 from navrl.deploy.map_planner import MapPlanner
 from navrl.deploy.safety import DriveState
-from navrl.worlds.places.occupancy_map import planar_yaw
-
-Message: TypeAlias = Any
-"""A message of ROS 1 or ROS 2, or a field of one."""
+from navrl.worlds.places.occupancy_map import Message, planar_yaw
 
 
 def fill_twist(message: Message, v: float, w: float, stamp: Message, frame: str) -> Message:

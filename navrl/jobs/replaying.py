@@ -14,7 +14,7 @@ from navrl.deploy.bags import LogSource, Topics, open_log
 from navrl.deploy.recorded_paths import GoalPath, PathPlan, TopicPaths, TrajectoryPaths
 from navrl.deploy.replay import Replay
 from navrl.deploy.replay_results import replay_recording, replay_summary, replay_table
-from navrl.deploy.ros_bridge import has_attention
+from navrl.deploy.ros_parameters import has_attention
 from navrl.factory.environment import set_threads
 from navrl.files import write_json, write_text
 from navrl.jobs.run_folder import claim_folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from navrl.worlds.places.cells import boxes_of_cells
 from navrl.worlds.places.place import FreeRegion, turned
 from navrl.worlds.places.reading import FARTHEST_M
 from navrl.worlds.planner import NoPathError
+
+Message: TypeAlias = Any
+"""A message of ROS 1 or ROS 2, or a field of one; ROS is not imported."""
 
 MAX_CELLS = 100_000_000  # of a map
 START_TOLERANCE_M = 0.3  # m; a robot that is closer to obstacles than its path starts there
@@ -78,7 +81,7 @@ class OccupancyMap:
 
     @classmethod
     def from_message(
-        cls, message: Any, occupied_percent: float = 65.0, free_percent: float = 25.0
+        cls, message: Message, occupied_percent: float = 65.0, free_percent: float = 25.0
     ) -> OccupancyMap:
         """Read a nav_msgs/OccupancyGrid, or an object with its fields ``info`` and ``data``.
 
@@ -232,7 +235,7 @@ class OccupancyMap:
         return boxes
 
 
-def planar_yaw(q: Any) -> float:
+def planar_yaw(q: Message) -> float:
     """Return the yaw of a quaternion, rad; NaN for one that is not of unit length."""
     length = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(length - 1.0) < 0.01:

@@ -18,6 +18,7 @@ class Furnisher:
     """
 
     def __init__(self, generator: np.random.Generator) -> None:
+        """Begin with an empty floor."""
         self.generator = generator
         self.walls: list[list[float]] = []
         self.pieces: list[Piece] = []
