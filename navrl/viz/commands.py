@@ -4,22 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from navrl.deploy.replay import ReplayedTick
-from navrl.deploy.safety import DriveState
 from navrl.viz.style import BLUE, CYCLE, GRAY, GREEN, ORANGE, VERMILLION, plain_text, save_figure
 from navrl.viz.style import style as styled
 
-_STATE_COLORS = {DriveState.DRIVE: GREEN, DriveState.AT_GOAL: BLUE, DriveState.BLOCKED: ORANGE}
+_STATE_COLORS = {"drive": GREEN, "at_goal": BLUE, "blocked": ORANGE}
 _OTHERS = tuple(color for color in CYCLE if color not in _STATE_COLORS.values())
 
 
-def plot_commands(ticks: Sequence[ReplayedTick], file: str | Path, title: str = "") -> Path:
+Pair = tuple[float, float]
+
+
+class Status(Protocol):
+    """Status of a controller: :class:`navrl.deploy.ControlStatus`."""
+
+    @property
+    def state(self) -> str:
+        """State, e.g. ``drive``."""
+        ...
+
+    @property
+    def command(self) -> Sequence[Any]:
+        """Speed in m/s and turn rate in rad/s first."""
+        ...
+
+
+class Tick(Protocol):
+    """State of a replay after a tick: :class:`navrl.deploy.replay.ReplayedTick`."""
+
+    time_s: float
+    requested: Pair | None
+    is_shielded: bool
+    recorded: Pair | None
+    measured: Pair | None
+    icp_error: Pair | None
+
+    @property
+    def status(self) -> Status:
+        """Status of the controller."""
+        ...
+
+
+def plot_commands(ticks: Sequence[Tick], file: str | Path, title: str = "") -> Path:
     """Draw speed, turn rate, state and alignment error over time.
 
     Args:
@@ -45,7 +77,7 @@ def plot_commands(ticks: Sequence[ReplayedTick], file: str | Path, title: str = 
         return save_figure(figure, file)
 
 
-def _draw_commands(axes: Axes, ticks: Sequence[ReplayedTick], index: int) -> None:
+def _draw_commands(axes: Axes, ticks: Sequence[Tick], index: int) -> None:
     time = [tick.time_s for tick in ticks]
     lines = {
         "odometry": ([tick.measured for tick in ticks], GRAY, 0.8),
@@ -63,8 +95,8 @@ def _draw_commands(axes: Axes, ticks: Sequence[ReplayedTick], index: int) -> Non
         axes.plot([tick.time_s for tick in replaced], asked, "x", **look)
 
 
-def _draw_states(axes: Axes, ticks: Sequence[ReplayedTick]) -> None:
-    states = [tick.status.state for tick in ticks]
+def _draw_states(axes: Axes, ticks: Sequence[Tick]) -> None:
+    states = [str(tick.status.state) for tick in ticks]
     edges = [0, *(k for k in range(1, len(ticks)) if states[k] != states[k - 1]), len(ticks)]
     seen = list(dict.fromkeys(states))
     others = [state for state in seen if state not in _STATE_COLORS]
@@ -73,13 +105,13 @@ def _draw_states(axes: Axes, ticks: Sequence[ReplayedTick]) -> None:
     times = [*(tick.time_s for tick in ticks), end]
     for first, last in zip(edges[:-1], edges[1:], strict=True):
         axes.axvspan(times[first], times[last], color=colors[states[first]], linewidth=0)
-    patches = [Patch(color=colors[state], label=str(state)) for state in seen]
+    patches = [Patch(color=colors[state], label=state) for state in seen]
     axes.legend(handles=patches, loc="upper left", ncols=6, bbox_to_anchor=(0.0, -0.1))
     axes.set(yticks=[], ylabel="state")
     axes.grid(False)
 
 
-def _draw_alignment(axes: Axes, ticks: Sequence[ReplayedTick]) -> None:
+def _draw_alignment(axes: Axes, ticks: Sequence[Tick]) -> None:
     """Draw the difference between the alignment and the motion by the poses."""
     pairs = [(tick.time_s, *tick.icp_error) for tick in ticks if tick.icp_error is not None]
     if pairs:

@@ -5,18 +5,34 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
 
-from navrl.sim import Lidar
 from navrl.viz.style import BLACK, BLUE, GRAY, PURPLE, VERMILLION, plain_text, save_figure, style
 
 
+class ScanLayout(Protocol):
+    """Values of a lidar that a picture of its scans needs, e.g. of :class:`navrl.sim.Lidar`."""
+
+    max_range: float
+    mount: tuple[float, float, float]
+
+    @property
+    def increment(self) -> float:
+        """Angle from a beam to the next, rad."""
+        ...
+
+    def beam_angles(self) -> Any:
+        """Return the bearings ``[N]`` rad of the beams in the lidar's frame."""
+        ...
+
+
 def plot_scans(
-    scans: Sequence[tuple[str, np.ndarray]], lidar: Lidar, radius: float, file: str | Path
+    scans: Sequence[tuple[str, np.ndarray]], lidar: ScanLayout, radius: float, file: str | Path
 ) -> Path:
     """Draw scans as a policy gets them, side by side, with the robot's front upward.
 
@@ -39,9 +55,9 @@ def plot_scans(
         return save_figure(figure, file)
 
 
-def _draw_scan(axes: Axes, ranges: np.ndarray, lidar: Lidar, radius: float) -> None:
+def _draw_scan(axes: Axes, ranges: np.ndarray, lidar: ScanLayout, radius: float) -> None:
     reach, (x, y, turn) = lidar.max_range, lidar.mount
-    bearing = lidar.beam_angles().numpy() + turn
+    bearing = np.asarray(lidar.beam_angles()) + turn
     up = bearing + 0.5 * math.pi  # the robot's front is drawn upward
     center = (-y, x)
     is_return = np.isfinite(ranges) & (ranges < reach)
