@@ -325,10 +325,9 @@ PAGE = pages.ROOT / "docs" / "robots.md"
 
 
 def test_documented_examples_drive(capsys):
-    """The runner's drives, the scan's asserts, and the controller's drives."""
-    for example, end in zip(
-        pages.blocks(PAGE, "python"), (": drive\n", "", "drive: \n"), strict=True
-    ):
+    """The runner's drives, the scan's asserts, the controller's drives, and a path is planned."""
+    ends = (": drive\n", "", "drive: \n", "stale_scan has a path\n")
+    for example, end in zip(pages.blocks(PAGE, "python"), ends, strict=True):
         exec(compile(example, str(PAGE), "exec"), {})
         assert capsys.readouterr().out.endswith(end)
 
