@@ -115,7 +115,7 @@ def test_latency_is_of_the_changed_policy(tmp_path, monkeypatch):
     command = runner.act([3.5] * 1440, pose=(0, 0, 0), path=[(0, 0), (4, 0)])
     assert command[0] <= 0.4 + 1e-6
     words = ("policy=paper", "+transforms/steps@change.transforms=shield")
-    assert "ActionShield" in repr(make_runner(config(*words))._transform)
+    assert "ActionShield" in repr(make_runner(config(*words)).transform)
 
 
 def test_changes_are_named_in_the_summary(tmp_path):
