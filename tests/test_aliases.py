@@ -306,7 +306,7 @@ def test_renamed_key_changes_a_shipped_bundle_of_version_0_1():
     new = change.replace("least", "min_descriptor")
     new = make_runner(compose("evaluate", ["policy=navrl-best", new]))
     for runner in (old, new):
-        (shield,) = (part for part in runner._transform.modules() if isinstance(part, ActionShield))
+        (shield,) = (part for part in runner.transform.modules() if isinstance(part, ActionShield))
         assert shield.speed_range == (0.5, 1.5)
 
 

@@ -111,7 +111,7 @@ def test_base_of_the_runner_is_used():
     pipeline = Compose(*bundle.build("transforms"), ActionShield(base="environment"))
     delays = Delays(command_delay_s=0.1)
     runner = PolicyRunner(pipeline, bundle.actor, bundle.build("lidar"), SLOW, delays=delays)
-    base = runner._transform[-2]._known_base()
+    base = runner.transform[-2]._known_base()
     assert base.robot is SLOW and base.command_delays_s == (0.1, 0.1)
     path = [(0.0, 0.0), (4.0, 0.0)]
     with pytest.raises(ValueError, match="velocity=None: must be"):
