@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,7 +26,7 @@ class ScanLayout(Protocol):
         """Angle from a beam to the next, rad."""
         ...
 
-    def beam_angles(self) -> Any:
+    def beam_angles(self) -> object:
         """Return the bearings ``[N]`` rad of the beams in the lidar's frame."""
         ...
 
