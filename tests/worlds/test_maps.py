@@ -91,7 +91,7 @@ BROKEN = [
     ({"origin": [0, 0]}, "origin=[0, 0]: must be 3 numbers"),
     ({"origin": "[0, 0, nan]"}, "origin=[0, 0, nan]: must be 3 numbers"),
     ({"negate": 2}, "negate=2: must be 0 or 1"),
-    ({"mode": "grey"}, "mode='grey': must be one of trinary, scale, raw"),
+    ({"mode": "gray"}, "mode='gray': must be one of trinary, scale, raw"),
     ({"occupied_thresh": 1.5}, "occupied_thresh=1.5: must be a number in 0 to 1"),
     ({"free_thresh": 0.7}, "free_thresh=0.7: must be < occupied_thresh=0.65"),
     ({"free_thresh": ...}, "free_thresh: is missing"),
