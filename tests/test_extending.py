@@ -164,7 +164,7 @@ def test_own_world(here, capsys):
     cfg, _ = finished(here / train("experiment=hall"))
     assert cfg.suite.name == "hall"
     assert {scenario.kind for scenario in instantiate(cfg.suite).scenarios()} == {"hall"}
-    assert evaluate("suite=hall")["by_scenario"].keys() == {"hall"}
+    assert evaluate("suite=pillar_hall")["by_scenario"].keys() == {"hall"}
 
 
 def test_own_robot(here):
