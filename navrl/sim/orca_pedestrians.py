@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from navrl.checks import check_positive
-from navrl.sim.draws import Uniform, draw
 from navrl.sim.rvo import corners, import_rvo
 from navrl.sim.walkers import RouteWalkers
 
@@ -33,10 +31,8 @@ class OrcaPedestrians(RouteWalkers):
         margin: Distance that pedestrians keep from others and the robot, m.
         time_horizon: Time within which contacts with others are avoided, s.
         wall_horizon: Time within which contacts with walls are avoided, s.
-        sidestep: Angle by which the preferred velocity is turned, rad, which resolves encounters
-            head-on.
-        share: Share of the episodes in which pedestrians react, drawn from each scenario's
-            ``noise_seed``; in the others they follow their routes.
+        sidestep: Angle to the right of the preferred velocity, see :class:`RouteWalkers`, rad.
+        share: Share of the episodes in which pedestrians react, see :class:`RouteWalkers`.
 
     Raises:
         ImportError: If ``pyrvo`` is not installed.
@@ -58,28 +54,20 @@ class OrcaPedestrians(RouteWalkers):
         share: float = 1.0,
     ) -> None:
         """Check the values."""
-        super().__init__()
+        super().__init__(sidestep, share)
         check_positive(
             robot_radius=robot_radius, time_horizon=time_horizon, wall_horizon=wall_horizon
         )
         if not margin >= 0:
             raise ValueError(f"margin={margin}: must be >= 0 m")
-        if not abs(sidestep) < math.pi / 2:
-            raise ValueError(f"sidestep={sidestep}: must be within +-pi/2 rad")
-        if not 0 <= share <= 1:
-            raise ValueError(f"share={share}: must be in [0, 1]")
         self._rvo = import_rvo("pedestrians=orca")
         self.sees_robot, self.robot_radius, self.margin = sees_robot, robot_radius, margin
         self.time_horizon, self.wall_horizon = time_horizon, wall_horizon
-        self.sidestep, self.share = sidestep, share
         self._worlds: dict[int, RVOSimulator] = {}
 
     def reset(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         """Start episodes; see :meth:`navrl.sim.PedestrianModel.reset`."""
         super().reset(worlds, scenarios)
-        if self.share < 1.0:
-            drawn = draw("reacts", Uniform(0.0, 1.0), scenarios.noise_seed)
-            self.rows["walks"][worlds.cpu()] &= (drawn < self.share).cpu()[:, None]
         for world in worlds.tolist():
             self._worlds.pop(world, None)
 
@@ -97,9 +85,6 @@ class OrcaPedestrians(RouteWalkers):
         duration_s: float,
     ) -> Tensor:
         """Return the velocities of ORCA, [N, K, 2] m/s."""
-        cos, sin = math.cos(self.sidestep), math.sin(self.sidestep)
-        x, y = preferred.unbind(-1)
-        preferred = torch.stack((cos * x + sin * y, cos * y - sin * x), dim=-1)  # to the right
         yaw, speed = state.pose[:, 2].double().cpu(), state.velocity[:, 0].double().cpu()
         robot = torch.stack((speed * yaw.cos(), speed * yaw.sin()), dim=-1)
         values = (

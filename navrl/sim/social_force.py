@@ -35,8 +35,8 @@ class SocialForcePedestrians(RouteWalkers):
         strength: Acceleration at contact, m/s^2.
         reach: Gap at which it is 37 % of that, m.
         rear: Weight of what is right behind a pedestrian, in [0, 1]; 1 for what is ahead.
-        sidestep: Angle by which the preferred velocity is turned to the right, rad, which resolves
-            encounters head-on.
+        sidestep: Angle to the right of the preferred velocity, see :class:`RouteWalkers`, rad.
+        share: Share of the episodes in which pedestrians react, see :class:`RouteWalkers`.
 
     Raises:
         ValueError: If a value is out of range.
@@ -55,18 +55,17 @@ class SocialForcePedestrians(RouteWalkers):
         reach: float = 0.08,
         rear: float = 0.5,
         sidestep: float = 0.15,
+        share: float = 1.0,
     ) -> None:
         """Check the values."""
-        super().__init__()
+        super().__init__(sidestep, share)
         check_positive(robot_radius=robot_radius, relaxation_s=relaxation_s)
         check_positive(strength=strength, reach=reach)
         if not 0 <= rear <= 1:
             raise ValueError(f"rear={rear}: must be in [0, 1]")
-        if not abs(sidestep) < math.pi / 2:
-            raise ValueError(f"sidestep={sidestep}: must be within +-pi/2 rad")
         self.sees_robot, self.robot_radius = sees_robot, robot_radius
         self.relaxation_s, self.strength, self.reach = relaxation_s, strength, reach
-        self.rear, self.sidestep = rear, sidestep
+        self.rear = rear
 
     def velocities(
         self,
@@ -77,8 +76,7 @@ class SocialForcePedestrians(RouteWalkers):
         duration_s: float,
     ) -> Tensor:
         """Return the mean velocities in the next step, [N, K, 2] m/s."""
-        cos, sin = math.cos(self.sidestep), math.sin(self.sidestep)
-        preferred = _turned(preferred.nan_to_num(0.0), cos, -sin)  # to the right
+        preferred = preferred.nan_to_num(0.0)
         start = place.nan_to_num(_AWAY_M)
         walks = rows["walks"][..., None]
         velocity = rows["velocity"].masked_fill(~walks, 0.0)

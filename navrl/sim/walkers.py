@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from navrl.ops.bodies import BODY_BOX
 from navrl.sim.crowd import PedestrianModel
+from navrl.sim.draws import Uniform, draw
 
 if TYPE_CHECKING:
     from navrl.sim.state import SimState
@@ -39,15 +41,29 @@ class RouteWalkers(PedestrianModel):
     Stationary pedestrians and those with a track do not react: they follow their scenario. A
     subclass returns velocities from :meth:`velocities`.
 
+    Args:
+        sidestep: Angle by which the preferred velocity is turned to the right, rad, which resolves
+            encounters head-on.
+        share: Share of the episodes in which pedestrians react, drawn from each scenario's
+            ``noise_seed``; in the others they follow their routes.
+
     Attributes:
         rows: State of N worlds with K pedestrians: ``walls`` [N, W, 5] and ``num_walls`` [N],
             ``route`` [N, K, R, 2], ``last`` [N, K] index of its last point, ``toward`` [N, K] index
             of the next point, ``forth`` [N, K] whether indices increase, ``walks`` [N, K] whether
             the pedestrian reacts, ``speed``, ``radius`` [N, K] and ``velocity`` [N, K, 2].
+
+    Raises:
+        ValueError: If a value is out of range.
     """
 
-    def __init__(self) -> None:
-        """Create empty rows."""
+    def __init__(self, sidestep: float = 0.0, share: float = 1.0) -> None:
+        """Check the values and create empty rows."""
+        if not abs(sidestep) < math.pi / 2:
+            raise ValueError(f"sidestep={sidestep}: must be within +-pi/2 rad")
+        if not 0 <= share <= 1:
+            raise ValueError(f"share={share}: must be in [0, 1]")
+        self.sidestep, self.share = sidestep, share
         self.rows = {
             name: torch.zeros(0, *shape, dtype=_NUMBERS.get(name, torch.float64))
             for name, shape in _SHAPES.items()
@@ -64,6 +80,9 @@ class RouteWalkers(PedestrianModel):
         last = (arc < arc[..., -1:]).sum(-1)
         is_round = scenarios.ped_body != BODY_BOX
         walks = scenarios.ped_present & ~scenarios.ped_static & ~scenarios.ped_tracked
+        if self.share < 1.0:
+            drawn = draw("reacts", Uniform(0.0, 1.0), scenarios.noise_seed)
+            walks = walks & (drawn < self.share)[:, None]
         values = {
             "walls": solid.boxes.double(),
             "num_walls": solid.num_boxes,
@@ -100,6 +119,9 @@ class RouteWalkers(PedestrianModel):
         offset = point.squeeze(2) - place
         distance = offset.norm(dim=-1, keepdim=True).clamp_min(1e-6)
         preferred = rows["speed"][..., None] * offset / distance
+        cos, sin = math.cos(self.sidestep), math.sin(self.sidestep)
+        x, y = preferred.unbind(-1)
+        preferred = torch.stack((cos * x + sin * y, cos * y - sin * x), dim=-1)  # to the right
         is_here = ~place.isnan().any(-1)
         reacts = rows["walks"] & is_here
         velocity = self.velocities(state, place, preferred, rows, duration_s)
@@ -134,7 +156,7 @@ class RouteWalkers(PedestrianModel):
         Args:
             state: State of all worlds.
             place: [N, K, 2] float64 centers, m; NaN where absent.
-            preferred: [N, K, 2] velocities along the routes, m/s.
+            preferred: [N, K, 2] velocities along the routes, turned by ``sidestep``, m/s.
             rows: Rows of these worlds; ``velocity`` is that of the last step.
             duration_s: Duration of the step, s.
 

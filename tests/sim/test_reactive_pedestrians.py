@@ -159,10 +159,9 @@ def test_acceleration_at_contact_and_at_one_reach():
         assert push[0, 0].tolist() == pytest.approx([wanted, 0.0])
 
 
-def test_share_of_episodes_has_reactive_pedestrians():
-    pytest.importorskip("pyrvo")
+def test_share_of_episodes_has_reactive_pedestrians(kind):
     scenes = [dataclasses.replace(ONCOMING, noise_seed=seed) for seed in range(40)]
-    model = OrcaPedestrians(share=0.5)
+    model = kind(share=0.5)
     lidar = Lidar(num_beams=8, noise="none")
     sim = BatchedSimulator(40, DifferentialDrive(), lidar, pedestrians=model, max_pedestrians=4)
     sim.reset(torch.arange(40), ScenarioBatch.pack(scenes))
@@ -174,7 +173,6 @@ def test_share_of_episodes_has_reactive_pedestrians():
     assert 10 <= int(follows.sum()) <= 30
 
 
-def test_share_beyond_one_is_rejected():
-    pytest.importorskip("pyrvo")
+def test_share_beyond_one_is_rejected(kind):
     with pytest.raises(ValueError, match=r"share=1\.5: must be in \[0, 1\]"):
-        OrcaPedestrians(share=1.5)
+        kind(share=1.5)
