@@ -6,7 +6,8 @@ import functools
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import hydra
@@ -54,6 +55,19 @@ def hydra_main(
         return main
 
     return decorate
+
+
+@contextmanager
+def missing_extras() -> Iterator[None]:
+    """Report a package that the block needs and that is not installed as a user's mistake.
+
+    Raises:
+        ValueError: If the block raises ImportError, whose message names the extra.
+    """
+    try:
+        yield
+    except ImportError as missing:
+        raise ValueError(str(missing)) from missing
 
 
 def _with_key(words: list[str], key: str | None) -> list[str]:

@@ -9,7 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from navrl import factory
-from navrl.cli.command import hydra_main
+from navrl.cli.command import hydra_main, missing_extras
 from navrl.factory.overrides import check_start
 
 log = logging.getLogger(__name__)
@@ -24,10 +24,8 @@ def main(cfg: DictConfig) -> None:
 
     folder = Path(HydraConfig.get().runtime.output_dir)
     file = folder / f"{Path(cfg.policy).name}.onnx" if cfg.output is None else Path(cfg.output)
-    try:
+    with missing_extras():
         error = export(cfg, file)
-    except ImportError as missing:  # a missing extra, named in the message
-        raise ValueError(str(missing)) from missing
     size = file.stat().st_size / 1e6
     log.info("%s: %.1f MB, within %.1e of the runner", file, size, error)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, ListConfig
 
-from navrl.cli.command import hydra_main
+from navrl.cli.command import hydra_main, missing_extras
 from navrl.config import instantiate
 
 log = logging.getLogger(__name__)
@@ -22,10 +22,8 @@ def main(cfg: DictConfig) -> None:
     folder = Path(hydra.runtime.output_dir)
     out = folder / hydra.runtime.choices.picture if cfg.out is None else Path(cfg.out)
     draw = instantiate(cfg.picture)
-    try:
+    with missing_extras():
         files = draw(sources, out)
-    except ImportError as error:  # a missing extra, named in the message
-        raise ValueError(str(error)) from error
     for file in files:
         log.info("%s", file)
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from navrl.cli.command import hydra_main
-from navrl.factory.policy_names import check_policy_name
+from navrl.cli.command import hydra_main, missing_extras
+from navrl.cli.logs import checked_folder
 
 log = logging.getLogger(__name__)
 
@@ -17,16 +15,11 @@ log = logging.getLogger(__name__)
 @hydra_main("replay", argument="bag")
 def main(cfg: DictConfig) -> None:
     """Replay ``cfg.bag`` and report what the policy would have done."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
-    check_policy_name(cfg.policy)
-    if not Path(cfg.bag).exists():
-        raise ValueError(f"bag={cfg.bag}: no such file or folder")
+    folder = checked_folder(cfg)
     from navrl.jobs.replaying import run_replay  # imports torch
 
-    try:
+    with missing_extras():
         found = run_replay(cfg, folder)
-    except ImportError as missing:  # a missing extra, named in the message
-        raise ValueError(str(missing)) from missing
     states = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found["states_s"].items())
     log.info("%s on %s: %d decisions; %s", found["policy"], cfg.bag, found["decisions"], states)
     if found["shielded"]:

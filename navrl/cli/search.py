@@ -9,7 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from navrl import factory, jobs
-from navrl.cli.command import hydra_main
+from navrl.cli.command import hydra_main, missing_extras
 
 
 @hydra_main("search")
@@ -25,9 +25,8 @@ def main(cfg: DictConfig) -> None:
     with jobs.locked(folder):
         jobs.claim_folder(claimed, folder)
         try:
-            search(cfg, list(HydraConfig.get().overrides.task), folder)
-        except ImportError as missing:  # a missing extra, named in the message
-            raise ValueError(str(missing)) from missing
+            with missing_extras():
+                search(cfg, list(HydraConfig.get().overrides.task), folder)
         except TrainingStoppedError as stop:
             print(f"navrl: {stop}; the same command resumes the search", file=sys.stderr)
             sys.exit(128 + stop.signal_number)
