@@ -120,7 +120,7 @@ def test_paths_are_clear_and_walkers_meet_them():
     places = GeneratedPlaces(Hall(), num_walkers=(4, 4), meeting=1.0)
     for index in range(4):
         scenario = places.sample("mine", 0, index)
-        place = places.place_of("mine", 0, index)[1]
+        place = places.make_place(places.key_of("mine", 0, index))
         assert floor_map(place).distance(scenario.path).min() >= 0.178
         for person in scenario.pedestrians:
             ends = person.route[:, None] - scenario.path[None]
@@ -132,7 +132,7 @@ def test_stationary_pedestrians_leave_a_passage():
     standing = 0
     for index in range(8):
         scenario = places.sample("mine", 0, index)
-        grid = floor_map(places.place_of("mine", 0, index)[1])
+        grid = floor_map(places.make_place(places.key_of("mine", 0, index)))
         for person in scenario.pedestrians:
             assert person.is_static
             assert grid.distance(person.route).min() > 0.55

@@ -258,6 +258,21 @@ def test_bad_arguments_are_named(build, message):
         build()
 
 
+def test_pool_is_generated_again_after_a_change_in_a_subfolder(tmp_path, monkeypatch):
+    monkeypatch.setattr("navrl.worlds.pool.__file__", str(tmp_path / "pool.py"))
+    code = tmp_path / "rooms" / "flat.py"
+    code.parent.mkdir()
+    code.write_text("DOOR = 0.8\n")
+    cache, suite = tmp_path / "pool.npz", Suite("s", 0, 2, distribution())
+    ScenarioPool(suite, cache=cache)
+    written = cache.stat().st_mtime_ns
+    ScenarioPool(suite, cache=cache)
+    assert cache.stat().st_mtime_ns == written
+    code.write_text("DOOR = 0.9\n")
+    ScenarioPool(suite, cache=cache)
+    assert cache.stat().st_mtime_ns > written
+
+
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def test_a_pool_draws_the_same_on_each_device(device):
     pool = ScenarioPool(Suite("s", 0, 4, distribution()), empty_share=0.5)

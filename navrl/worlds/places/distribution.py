@@ -33,11 +33,14 @@ class PlaceDistribution(PlaceEpisodes):
             raise ValueError(f"sha256={sha256}: the files of {folder} have {self.sha256}")
         self.places = load_places(folder)
 
-    def place_of(self, suite: str, seed: int, index: int) -> tuple[int, Place]:
-        """Return number and place: ``index`` modulo the number of places."""
-        number = index % len(self.places)
-        return number, self.places[number]
+    def key_of(self, suite: str, seed: int, index: int) -> int:
+        """Return the number of the place: ``index`` modulo the number of places."""
+        return index % len(self.places)
+
+    def make_place(self, key: int) -> Place:
+        """Return a place by its number."""
+        return self.places[key]
 
     def map_of(self, number: int) -> ClearanceMap:
         """Return the map of a place by its number."""
-        return self.floor(number, self.places[number]).grid
+        return self.floor(number).grid

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Hashable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ _START_CLEARANCE_M = 1.0  # m from the robot to pedestrians at the start
 class PlaceEpisodes(ABC):
     """Base class of distributions of episodes in places.
 
-    A subclass returns a place by its number, and the number of each episode's place.
+    A subclass returns the key of each episode's place, and the place of a key.
 
     Args:
         distance: (min, max) length of the path from start to goal, m.
@@ -92,23 +92,29 @@ class PlaceEpisodes(ABC):
         self.robot_height, self.goal_clearance = robot_height, goal_clearance
         self.clearance, self.comfort = robot_radius + margin, comfort
         self.duration_s = duration_s
-        self._floors: dict[object, _Floor] = {}  # of the last places
+        self._floors: dict[Hashable, Floor] = {}  # of the last places
 
     def __getstate__(self) -> dict:
         """Return the state without maps, for worker processes."""
         return {**vars(self), "_floors": {}}
 
     @abstractmethod
-    def place_of(self, suite: str, seed: int, index: int) -> tuple[object, Place]:
-        """Return the place of an episode, and a hashable key that no other place has."""
+    def key_of(self, suite: str, seed: int, index: int) -> Hashable:
+        """Return the key of an episode's place; no other place has it."""
 
-    def floor(self, key: object, place: Place) -> _Floor:
-        """Return map and free cells of a place; the last few are retained."""
+    @abstractmethod
+    def make_place(self, key: Any) -> Place:
+        """Return the place of a key."""
+
+    def floor(self, key: Hashable) -> Floor:
+        """Return a place with its map and free cells; the last few are retained."""
         if key not in self._floors:
             if len(self._floors) >= _MAX_FLOORS:
                 self._floors.pop(next(iter(self._floors)))
+            place = self.make_place(key)
             grid = self._make_map(place)
-            self._floors[key] = _Floor(grid, _free_cells(place, grid, self.goal_clearance))
+            cells = _free_cells(place, grid, self.goal_clearance)
+            self._floors[key] = Floor(place, grid, cells)
         return self._floors[key]
 
     def _make_map(self, place: Place) -> ClearanceMap:
@@ -128,13 +134,13 @@ class PlaceEpisodes(ABC):
         """
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
-        key, place = self.place_of(suite, seed, index)
-        floor = self.floor(key, place)
+        floor = self.floor(self.key_of(suite, seed, index))
+        place = floor.place
         reason = None
         for _ in range(_TRIES):
             try:
                 people = self._recorded(generator, place)
-                start, path = self._route(generator, place, floor)
+                start, path = self._route(generator, floor)
                 people += self._walkers(generator, floor, path)
                 people += self._standing(generator, floor, path[-1])
                 _check_start(start, people)
@@ -161,11 +167,9 @@ class PlaceEpisodes(ABC):
             f"{reason}"
         )
 
-    def _route(
-        self, generator: np.random.Generator, place: Place, floor: _Floor
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _route(self, generator: np.random.Generator, floor: Floor) -> tuple[np.ndarray, np.ndarray]:
         """Return the start pose and the path."""
-        grid = floor.grid
+        place, grid = floor.place, floor.grid
         if place.start is not None and place.goal is not None:
             return place.start, grid.path(place.start[:2], place.goal)
         a, b = (self._point(generator, floor) for _ in range(2))
@@ -178,7 +182,7 @@ class PlaceEpisodes(ABC):
             raise NoPathError(f"paths do not fit distance={[low, high]}")
         return np.array([*a, generator.uniform(-np.pi, np.pi)]), path
 
-    def _point(self, generator: np.random.Generator, floor: _Floor) -> np.ndarray:
+    def _point(self, generator: np.random.Generator, floor: Floor) -> np.ndarray:
         """Return a free point ``[2]`` m."""
         if not len(floor.cells):
             raise NoPathError(f"no point has goal_clearance={self.goal_clearance}")
@@ -194,7 +198,7 @@ class PlaceEpisodes(ABC):
         return window(place.people, start_s, self.duration_s)
 
     def _walkers(
-        self, generator: np.random.Generator, floor: _Floor, path: np.ndarray
+        self, generator: np.random.Generator, floor: Floor, path: np.ndarray
     ) -> tuple[Pedestrian, ...]:
         """Return pedestrians that walk back and forth between two random points."""
         count = int(generator.integers(self.num_walkers[0], self.num_walkers[1] + 1))
@@ -215,7 +219,7 @@ class PlaceEpisodes(ABC):
         return tuple(people)
 
     def _standing(
-        self, generator: np.random.Generator, floor: _Floor, goal: np.ndarray
+        self, generator: np.random.Generator, floor: Floor, goal: np.ndarray
     ) -> tuple[Pedestrian, ...]:
         """Return stationary pedestrians, ``comfort`` away from obstacles, so that all can pass."""
         low, high = self.num_standing
@@ -241,14 +245,16 @@ class PlaceEpisodes(ABC):
         return Pedestrian(route, speed, offset, half_size, None, body)
 
 
-class _Floor(NamedTuple):
-    """Map and free cells of a place.
+class Floor(NamedTuple):
+    """Place with its map and free cells.
 
     Args:
+        place: The place.
         grid: Map for paths.
         cells: ``[C, 2]`` m, centers of the cells with ``goal_clearance``.
     """
 
+    place: Place
     grid: ClearanceMap
     cells: np.ndarray
 

@@ -14,8 +14,6 @@ from navrl.worlds.places.place import Place
 from navrl.worlds.scenario import Scenario
 from navrl.worlds.suite import Distribution
 
-_MAX_PLACES = 16
-
 
 class PlaceGenerator(Protocol):
     """Interface of generators of places, e.g. :class:`navrl.worlds.Flat`.
@@ -55,18 +53,17 @@ class GeneratedPlaces(PlaceEpisodes):
         if not episodes_per_place >= 1:
             raise ValueError(f"episodes_per_place={episodes_per_place}: must be >= 1")
         self.generator, self.episodes_per_place = generator, episodes_per_place
-        self._places: dict[tuple, Place] = {}  # the last ones
 
-    def place_of(self, suite: str, seed: int, index: int) -> tuple[tuple, Place]:
-        """Return key and place of an episode."""
-        key = (suite, seed, index // self.episodes_per_place)
-        if key not in self._places:
-            if len(self._places) >= _MAX_PLACES:
-                self._places.pop(next(iter(self._places)))
-            entropy = [seed, zlib.crc32(suite.encode()), key[2], zlib.crc32(b"place")]
-            generator = np.random.default_rng(np.random.SeedSequence(entropy))
-            self._places[key] = self.generator.place(generator, self.generator.kind)
-        return key, self._places[key]
+    def key_of(self, suite: str, seed: int, index: int) -> tuple[str, int, int]:
+        """Return suite, seed and number of the place."""
+        return suite, seed, index // self.episodes_per_place
+
+    def make_place(self, key: tuple[str, int, int]) -> Place:
+        """Draw the place of a key."""
+        suite, seed, number = key
+        entropy = [seed, zlib.crc32(suite.encode()), number, zlib.crc32(b"place")]
+        generator = np.random.default_rng(np.random.SeedSequence(entropy))
+        return self.generator.place(generator, self.generator.kind)
 
 
 @dataclass(frozen=True)
