@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -223,15 +223,8 @@ def scan_layout(scanner: Scanner, scan: LoggedScan) -> Scanner:
     Raises:
         ValueError: If the angles or limits of the scan are invalid.
     """
-    made = replace(
-        scanner,
-        angle_min=scan.angle_min,
-        angle_increment=scan.angle_increment,
-        range_min=max(scan.range_min, scanner.range_min),
-        range_max=min(scan.range_max, scanner.range_max),
-    )
-    made.increment(len(scan.ranges))
-    return made
+    limits = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+    return scanner.of_scan(len(scan.ranges), *limits)
 
 
 def reading_kinds(ranges: np.ndarray, range_min: float, range_max: float) -> dict[str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,13 +86,8 @@ class RobotInputs:
         readings = np.array(ranges, dtype=np.float64)  # a copy: drivers reuse their buffers
         if readings.ndim != 1 or not len(readings):
             raise ValueError(f"ranges.shape={list(readings.shape)}: must be [beams], at least 1")
-        given = {"angle_min": angle_min, "angle_increment": angle_increment}
-        if range_min is not None:
-            given["range_min"] = max(float(range_min), self.scanner.range_min)
-        if range_max is not None:
-            given["range_max"] = min(float(range_max), self.scanner.range_max)
-        scanner = replace(self.scanner, **{k: float(v) for k, v in given.items() if v is not None})
-        scanner.increment(len(readings))
+        limits = (angle_min, angle_increment, range_min, range_max)
+        scanner = self.scanner.of_scan(len(readings), *limits)
         duration = scanner.revolution_s if duration_s is None else float(duration_s)
         if not 0.0 <= duration < math.inf:
             raise ValueError(f"duration_s={duration}: must be finite and >= 0")

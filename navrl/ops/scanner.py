@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
@@ -132,6 +132,39 @@ class Scanner:
                 raise ValueError(
                     f"blind_sectors={list(self.blind_sectors)}: must be (bearing, width) in rad"
                 )
+
+    def of_scan(
+        self,
+        num_beams: int,
+        angle_min: float | None,
+        angle_increment: float | None,
+        range_min: float | None,
+        range_max: float | None,
+    ) -> Scanner:
+        """Return the scanner with the angles and limits that came with a scan.
+
+        Args:
+            num_beams: Beams of the scan.
+            angle_min: rad; ``None`` for that of the scanner, as of the others.
+            angle_increment: rad.
+            range_min: m; the larger one of both counts.
+            range_max: m; the smaller one counts.
+
+        Raises:
+            ValueError: If a value is out of range or the beams exceed a full circle.
+
+        Example:
+            >>> Scanner(range_min=0.2).of_scan(360, -3.14, None, 0.1, 12.0).range_min
+            0.2
+        """
+        given = {"angle_min": angle_min, "angle_increment": angle_increment}
+        if range_min is not None:
+            given["range_min"] = max(float(range_min), self.range_min)
+        if range_max is not None:
+            given["range_max"] = min(float(range_max), self.range_max)
+        made = replace(self, **{k: float(v) for k, v in given.items() if v is not None})
+        made.increment(num_beams)
+        return made
 
     def increment(self, num_beams: int) -> float:
         """Return the angle from one beam to the next, rad, in the order of the beams.
