@@ -36,7 +36,7 @@ def repetition(run: Path, name: str, evaluations: Sequence[Evaluation]) -> str:
         lines.append("- the code had changes that are not part of that commit")
     if (run / CONFIG_FILE).is_file():
         cfg = load_config(run / CONFIG_FILE)
-        threads = cfg.get("num_threads") or "all"
+        threads = cfg.get("num_threads") or "those of idle cores"
         lines.append(
             f"- seed {cfg.get('seed')}, device {cfg.get('device', 'cpu')}, threads {threads}; "
             f"{RUN_CONFIG} has the whole configuration, defaults of that version included"

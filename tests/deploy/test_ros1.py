@@ -82,9 +82,8 @@ def give(rospy):
     rospy.listeners["scan"](scan(now - 0.2))
 
 
-def test_node_drives_and_ends_with_zero():
-    rospy, node = make()
-    give(rospy)
+def spin_until_fast(rospy, node):
+    """Let the node spin until it commands 0.5 m/s, for at most a minute."""
     stopping = threading.Event()
     thread = threading.Thread(target=node.spin, args=(stopping,))
     thread.start()
@@ -93,6 +92,12 @@ def test_node_drives_and_ends_with_zero():
         time.sleep(0.02)
     stopping.set()
     thread.join()
+
+
+def test_node_drives_and_ends_with_zero():
+    rospy, node = make()
+    give(rospy)
+    spin_until_fast(rospy, node)
     assert max(rospy.speeds()) > 0.5 and rospy.speeds()[-5:] == [0.0] * 5
 
 
@@ -104,14 +109,7 @@ def test_node_plans_to_goals_on_a_map(tmp_path):
     rospy.listeners["move_base_simple/goal"](goal(2.8, 0.0))
     rospy.listeners["odom"](odometry(now, x=0.5))
     rospy.listeners["scan"](scan(now - 0.2))
-    stopping = threading.Event()
-    thread = threading.Thread(target=node.spin, args=(stopping,))
-    thread.start()
-    end = time.monotonic() + 60.0
-    while max(rospy.speeds(), default=0.0) < 0.5 and time.monotonic() < end:
-        time.sleep(0.02)
-    stopping.set()
-    thread.join()
+    spin_until_fast(rospy, node)
     plans = [message for name, message in rospy.sent if name == "plan"]
     assert len(plans) == 1 and plans[0].header.frame_id == "map"
     last = plans[0].poses[-1].pose.position
