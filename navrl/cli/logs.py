@@ -11,7 +11,7 @@ from navrl.factory.policy_names import check_policy_name
 
 
 def checked_folder(cfg: DictConfig) -> Path:
-    """Return the folder of the command, after a check of policy and log without imports of torch.
+    """Return the run folder after a check of policy and log, which does not import torch.
 
     Raises:
         ValueError: If the policy or the log does not exist.

@@ -10,7 +10,7 @@ from navrl.worlds.places.folder import folder_hash, load_places
 from navrl.worlds.places.place import Place
 
 
-class PlaceDistribution(PlaceEpisodes):
+class PlaceDistribution(PlaceEpisodes[int]):
     """Episodes in the places of a folder, one place after another.
 
     Args:

@@ -6,7 +6,7 @@ import itertools
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from navrl.worlds.places.tracks import window
 from navrl.worlds.planner import NoPathError
 from navrl.worlds.scenario import Scenario
 
+Key = TypeVar("Key", bound=Hashable)
+
 _TRIES = 200
 _MAX_FLOORS = 16  # a map of 15 m x 15 m takes 1.5 MB
 _MIN_ROUTE_M = 2.0  # m, length of a pedestrian's route
@@ -28,7 +30,7 @@ _APART_M = 1.2  # m between stationary pedestrians, and from them to the goal
 _START_CLEARANCE_M = 1.0  # m from the robot to pedestrians at the start
 
 
-class PlaceEpisodes(ABC):
+class PlaceEpisodes(ABC, Generic[Key]):
     """Base class of distributions of episodes in places.
 
     A subclass returns the key of each episode's place, and the place of a key.
@@ -92,21 +94,21 @@ class PlaceEpisodes(ABC):
         self.robot_height, self.goal_clearance = robot_height, goal_clearance
         self.clearance, self.comfort = robot_radius + margin, comfort
         self.duration_s = duration_s
-        self._floors: dict[Hashable, Floor] = {}  # of the last places
+        self._floors: dict[Key, Floor] = {}  # of the last places
 
     def __getstate__(self) -> dict:
         """Return the state without maps, for worker processes."""
         return {**vars(self), "_floors": {}}
 
     @abstractmethod
-    def key_of(self, suite: str, seed: int, index: int) -> Hashable:
+    def key_of(self, suite: str, seed: int, index: int) -> Key:
         """Return the key of an episode's place; no other place has it."""
 
     @abstractmethod
-    def make_place(self, key: Any) -> Place:
+    def make_place(self, key: Key) -> Place:
         """Return the place of a key."""
 
-    def floor(self, key: Hashable) -> Floor:
+    def floor(self, key: Key) -> Floor:
         """Return a place with its map and free cells; the last few are retained."""
         if key not in self._floors:
             if len(self._floors) >= _MAX_FLOORS:

@@ -28,7 +28,7 @@ class PlaceGenerator(Protocol):
         ...
 
 
-class GeneratedPlaces(PlaceEpisodes):
+class GeneratedPlaces(PlaceEpisodes[tuple[str, int, int]]):
     """Episodes in places of a generator.
 
     Args:
