@@ -49,6 +49,8 @@ RANGES_HISTORY = "ranges_history"  # [*B, K + 1, N] m, scans t to t-K by bearing
 WAYPOINTS = "waypoints"  # [*B, N_f, 2] m, robot frame
 GOAL = "goal_position"  # [*B, 2] m, end of the path, robot frame
 PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projection on the path
+TRAIL = "trail"  # [*B, M, 2] m from the path's first point, world axes, since it was in sight
+TRAIL_STATE = "trail_state"  # [*B, 2] points of the trail, and time the path was out of sight s
 STALL = "stall"  # [*B, 2] largest progress m, and time since it was reached s
 
 # --- inputs of the networks (scaled to about [-1, 1]) --------------------------------------------

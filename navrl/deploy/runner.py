@@ -25,7 +25,7 @@ from navrl.deploy.safety import (
     path_state,
     safe_command,
 )
-from navrl.deploy.sensor_env import SensorEnv, checked_rows, progress_keys, read_keys
+from navrl.deploy.sensor_env import SensorEnv, checked_rows, read_keys, waypoint_steps
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
 from navrl.sim import Delays, Lidar, RobotModel
@@ -103,7 +103,7 @@ class PolicyRunner:
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
-        self._progress_keys = progress_keys(transforms)
+        self._waypoint_steps = waypoint_steps(transforms)
         self._progress: float | None = None  # m, at which the next observation starts
         self._has_new_path = False
         self.time_step_s = float(time_step_s)
@@ -154,8 +154,8 @@ class PolicyRunner:
 
     def reset_scans(self) -> None:
         """Clear the scan history after a gap between scans; the progress is retained."""
-        if self._past is not None and self._progress_keys and not self._has_new_path:
-            self._progress = float(self._past.get(self._progress_keys[0]))
+        if self._past is not None and self._waypoint_steps and not self._has_new_path:
+            self._progress = float(self._past.get(self._waypoint_steps[0].out_keys[1]))
         self._past = None
 
     @property
@@ -246,12 +246,12 @@ class PolicyRunner:
             start = start_progress(path.numpy(), pose[:2].numpy())
         if past is None:
             past = self.transform._reset(sensed.copy(), sensed.copy())
-            if start is None or not self._progress_keys:
+            if start is None or not self._waypoint_steps:
                 return past
         if start is not None:
             past = past.copy()
-            for key in self._progress_keys:
-                past.set(key, torch.tensor([[start]]))
+            for step in self._waypoint_steps:
+                step.restart(past, torch.tensor([[start]]))
         now = self.transform._step(past, sensed)
         if keys.ACTION in past:
             now.set(keys.ACTION, past.get(keys.ACTION))  # controllers read their last action

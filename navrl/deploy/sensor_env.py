@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import Compose, EnvBase, Transform
@@ -30,12 +30,12 @@ def read_keys(transforms: Transform) -> set[str]:
     }
 
 
-def progress_keys(transforms: Transform) -> list[NestedKey]:
-    """Return the keys of the progress along the path that a pipeline passes from step to step."""
+def waypoint_steps(transforms: Transform) -> list[Waypoints]:
+    """Return the steps of a pipeline that pass the progress along the path from step to step."""
     if isinstance(transforms, Waypoints):
-        return [transforms.out_keys[1]]
+        return [transforms]
     steps = transforms if isinstance(transforms, Compose) else []
-    return [key for step in steps for key in progress_keys(step)]
+    return [found for step in steps for found in waypoint_steps(step)]
 
 
 def checked_rows(

@@ -17,6 +17,7 @@ from navrl.transforms.observation_map import ObservationMap
 from navrl.transforms.pipeline import compose
 from navrl.transforms.range_history import RangeHistory
 from navrl.transforms.recovery import Recovery
+from navrl.transforms.returning_waypoints import ReturningWaypoints
 from navrl.transforms.scan_adapter import ScanAdapter
 from navrl.transforms.scan_history import ScanHistory
 from navrl.transforms.stall_timer import StallTimer
@@ -38,6 +39,7 @@ __all__ = [
     "ObservationMap",
     "RangeHistory",
     "Recovery",
+    "ReturningWaypoints",
     "ScanAdapter",
     "ScanHistory",
     "StallTimer",

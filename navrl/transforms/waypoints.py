@@ -65,6 +65,9 @@ class Waypoints(Transform):
         upcoming points; the authors' precursor starts one spacing ahead, which is the default.
     """
 
+    INPUTS: tuple[str, ...] = ("pose", "path")
+    OUTPUTS: tuple[str, ...] = ("waypoints", "progress")
+
     def __init__(
         self,
         num_waypoints: int = 5,
@@ -76,11 +79,12 @@ class Waypoints(Transform):
         out_keys: Keys = (keys.WAYPOINTS, keys.PATH_PROGRESS),
     ) -> None:
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
-        for argument, names in (("in_keys", "pose, path"), ("out_keys", "waypoints, progress")):
-            if len(getattr(self, argument)) != 2:
+        for argument, names in (("in_keys", self.INPUTS), ("out_keys", self.OUTPUTS)):
+            if len(getattr(self, argument)) != len(names):
                 raise ValueError(
-                    f"Waypoints: {argument}={getattr(self, argument)}: must be 2 keys ({names}); "
-                    "write a nested key as a list within the list"
+                    f"{type(self).__name__}: {argument}={getattr(self, argument)}: must be "
+                    f"{len(names)} keys ({', '.join(names)}); write a nested key as a list within "
+                    "the list"
                 )
         check_counts(num_waypoints=num_waypoints)
         check_positive(spacing=spacing)
@@ -127,22 +131,43 @@ class Waypoints(Transform):
                 self._step(tensordict, following)
         return tensordict
 
+    def restart(self, tensordict: TensorDictBase, progress: Tensor) -> None:
+        """Overwrite what is passed to the next step, as for another path.
+
+        Args:
+            tensordict: ``[*B]``, root of the next step.
+            progress: ``[*B, 1]`` m, arc length on the path at which the search starts.
+        """
+        tensordict.set(self.out_keys[1], progress)
+
     def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
         """Project the pose of ``tensordict`` onto its path and write both outputs."""
-        pose, path = world_values(*(read(self, tensordict, key) for key in self.in_keys))
+        return self._write_points(tensordict, self._project(tensordict, previous))
+
+    def _project(self, tensordict: TensorDictBase, previous: Tensor | None) -> Tensor:
+        """Write the progress of ``tensordict`` and return it, ``[*B, 1]``."""
+        pose, path = self._world(tensordict)
         projection = project_onto_path(path, pose[..., :2], previous, self.ahead, self.behind)
         progress = projection.progress.unsqueeze(-1).float()
         tensordict.set(self.out_keys[1], progress)
-        return self._write_points(tensordict, progress)
+        return progress
 
     def _write_points(self, tensordict: TensorDictBase, progress: Tensor) -> TensorDictBase:
         """Write the waypoints ahead of ``progress [*B, 1]``."""
-        pose, path = world_values(*(read(self, tensordict, key) for key in self.in_keys))
-        index = torch.arange(self.num_waypoints, device=path.device, dtype=progress.dtype)
-        offset = (index + (0 if self.include_closest else 1)) * self.spacing
-        points_world = point_at(path, progress + offset)
+        pose, path = self._world(tensordict)
+        points_world = point_at(path, progress + self._offsets(progress))
         points = se2.transform_points(se2.inverse(pose), points_world)
         return tensordict.set(self.out_keys[0], points.float())
+
+    def _offsets(self, progress: Tensor) -> Tensor:
+        """Return the arc lengths from the projection to the waypoints, ``[N_f]`` m."""
+        index = torch.arange(self.num_waypoints, device=progress.device, dtype=progress.dtype)
+        return (index + (0 if self.include_closest else 1)) * self.spacing
+
+    def _world(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """Return pose and path."""
+        pose, path = world_values(*(read(self, tensordict, key) for key in self.in_keys[:2]))
+        return pose, path
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of waypoints and progress to those of the environment.
@@ -151,10 +176,10 @@ class Waypoints(Transform):
             ValueError: If the environment lacks a key or its shape is wrong.
         """
         observation_spec = cloned(observation_spec)
-        pose, path = (read_spec(self, observation_spec, key) for key in self.in_keys)
+        pose, path = (read_spec(self, observation_spec, key) for key in self.in_keys[:2])
         if pose.shape[-1:] != (3,) or path.shape[-1:] != (2,):
             raise ValueError(
-                f"Waypoints needs {self.in_keys[0]!r} [*B, 3] and {self.in_keys[1]!r} [*B, P, 2], "
+                f"{type(self).__name__} needs {self.in_keys[0]!r} [*B, 3] and {self.in_keys[1]!r} [*B, P, 2], "
                 f"got {tuple(pose.shape)} and {tuple(path.shape)}"
             )
         batch = pose.shape[:-1]
