@@ -169,7 +169,9 @@ class ReturningWaypoints(Waypoints):
         pose, path = self._world(tensordict)
         trail = read(self, tensordict, self.out_keys[2])
         slots = torch.arange(self.num_trail_points, device=trail.device)
-        newest_first = (count.unsqueeze(-1) - 2.0 - slots).clamp(min=0.0).long()  # after the reached
+        newest_first = (
+            (count.unsqueeze(-1) - 2.0 - slots).clamp(min=0.0).long()
+        )  # after the reached
         trail = trail.gather(-2, newest_first.unsqueeze(-1).expand_as(trail))
         trail = se2.transform_points(se2.inverse(pose), trail + path[..., :1, :]).float()
         way = torch.cat([torch.zeros_like(trail[..., :1, :]), trail, onward], dim=-2)

@@ -179,8 +179,8 @@ class Waypoints(Transform):
         pose, path = (read_spec(self, observation_spec, key) for key in self.in_keys[:2])
         if pose.shape[-1:] != (3,) or path.shape[-1:] != (2,):
             raise ValueError(
-                f"{type(self).__name__} needs {self.in_keys[0]!r} [*B, 3] and {self.in_keys[1]!r} [*B, P, 2], "
-                f"got {tuple(pose.shape)} and {tuple(path.shape)}"
+                f"{type(self).__name__} needs {self.in_keys[0]!r} [*B, 3] and "
+                f"{self.in_keys[1]!r} [*B, P, 2], got {tuple(pose.shape)} and {tuple(path.shape)}"
             )
         batch = pose.shape[:-1]
         observation_spec[self.out_keys[0]] = real_spec(pose, *batch, self.num_waypoints, 2)

@@ -6,7 +6,7 @@ import torch
 from tensordict.nn import TensorDictModule
 from torchrl.envs import Transform
 
-from navrl import factory, jobs
+from navrl import factory, jobs, keys
 from navrl.config import compose, instantiate
 from navrl.deploy import DriveState, PolicyRunner, SafetyLimits
 from navrl.envs.navigation import NavigationEnv
@@ -14,7 +14,8 @@ from navrl.evaluation.recorder import record_episode
 from navrl.factory.training import deployed
 from navrl.policies import ZOO, load_bundle
 from navrl.policies.classical import DynamicWindow
-from navrl.sim import BatchedSimulator
+from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
+from navrl.transforms import MinPool, ReturningWaypoints
 from navrl.transforms import compose as compose_steps
 
 EXPERIMENTS = ["paper", "no_tagd", "subgoal", "liang", "liang_original", "navrl-best"]
@@ -217,3 +218,16 @@ def test_runner_stores_no_view_of_the_callers_arrays():
         array[:] = 0.0  # as a driver reuses its buffers
     command = runner.act(clear(), (0, 0, 0), AHEAD)
     np.testing.assert_allclose(command, [0.75, 0.25 * np.pi], rtol=1e-6)
+
+
+def test_new_path_clears_the_trail_of_returning_waypoints():
+    steps = compose_steps(min_pool=MinPool(), waypoints=ReturningWaypoints())
+    actor = TensorDictModule(lambda ranges: torch.zeros(1, 2), [keys.RANGES], [keys.ACTION])
+    runner = PolicyRunner(steps, actor, Lidar(1440), DifferentialDrive())
+    path, wall = [(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)], np.full(1440, 0.4)
+    for step in range(4):  # the path is out of sight, beyond a wall
+        runner.act(wall + 0.001 * step, (1.0 + 0.5 * step, 0.0, 0.0), path)
+    assert runner.observation[keys.TRAIL_STATE][0, 0] > 1
+    runner.new_path()
+    runner.act(wall, (2.5, 0.0, 0.0), [(2.5, -1.0), (4.0, -1.0)])
+    assert runner.observation[keys.TRAIL_STATE][0, 0] == 1
