@@ -90,6 +90,7 @@ class ReturningWaypoints(Waypoints):
         in_keys: Keys = _IN_KEYS,
         out_keys: Keys = _OUT_KEYS,
     ) -> None:
+        """Set values and keys."""
         given_in, given_out = nested_keys(in_keys), nested_keys(out_keys)
         if len(given_in) == 2:
             given_in = [*given_in, *_IN_KEYS[2:]]

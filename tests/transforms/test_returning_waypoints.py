@@ -103,7 +103,7 @@ def test_waypoints_follow_the_path_as_soon_as_it_is_seen_again():
     assert last[keys.TRAIL_STATE].tolist() == [[1.0, 0.0]]
 
 
-def test_way_back_turns_with_the_robot_and_is_exact_far_from_the_origin():
+def test_way_back_is_exact_far_from_the_origin():
     shift = torch.tensor([5.0e5, 5.6e6], dtype=torch.float64)
     far = BEND.double() + shift
     transform = ReturningWaypoints()
@@ -159,7 +159,7 @@ def test_only_a_return_on_the_line_hides_a_point(point, expected):
         (lambda: is_hidden(torch.zeros(3), FAR, torch.ones(1, 1)), "must have shapes"),
     ],
 )
-def test_invalid_values_are_refused(make, message):
+def test_invalid_values_raise(make, message):
     with pytest.raises(ValueError, match=message):
         make()
 
