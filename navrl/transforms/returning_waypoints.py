@@ -32,9 +32,10 @@ class ReturningWaypoints(Waypoints):
 
     A robot that misses a door has a wall between itself and the path. This transform keeps the
     trail of the robot since the path was last in sight: a point where no trail point is within
-    ``reach``; reaching an older point removes the newer ones. If the first waypoint has been
-    hidden by returns of the scan for ``patience``, the waypoints follow the trail back and go on
-    along the path. A waypoint within ``min_distance`` is never hidden.
+    ``reach``; reaching an older point removes the newer ones. If all waypoints of the path have
+    been hidden by returns of the scan for ``patience``, the waypoints follow the trail back and go
+    on along the path. A robot within ``min_distance`` of the first one is at the path, whatever
+    hides it: pedestrians on the path are no reason to turn back.
 
     Args:
         num_waypoints: See :class:`Waypoints`, as ``spacing``, ``include_closest``, ``ahead`` and
@@ -45,7 +46,7 @@ class ReturningWaypoints(Waypoints):
         behind: Length of the search window before the last projection, m.
         time_step: Time between two steps, s.
         patience: Time for which the path must be out of sight, s.
-        min_distance: Distance up to which a waypoint counts as in sight, m.
+        min_distance: Distance to the first waypoint up to which the path is in sight, m.
         reach: Distance at which a trail point is reached, m; more than half of what the robot
             drives in a step, or the trail grows on the way back.
         num_trail_points: Largest number of trail points; a longer trail is not recorded.
@@ -84,7 +85,7 @@ class ReturningWaypoints(Waypoints):
         behind: float = 0.0,
         time_step: float = 0.2,
         patience: float = 0.6,
-        min_distance: float = 0.5,
+        min_distance: float = 0.7,
         reach: float = 0.4,
         num_trail_points: int = 32,
         in_keys: Keys = _IN_KEYS,
@@ -147,13 +148,13 @@ class ReturningWaypoints(Waypoints):
         tensordict.set(self.out_keys[3], torch.stack([count, time], dim=-1))
 
     def _is_path_hidden(self, tensordict: TensorDictBase, progress: Tensor) -> Tensor:
-        """Return whether the first waypoint of the path is out of sight, ``[*B]`` bool."""
+        """Return whether all waypoints of the path are out of sight, ``[*B]`` bool."""
         points, returns = (read(self, tensordict, key) for key in self.in_keys[2:])
         pose, path = self._world(tensordict)
-        ahead = point_at(path, progress + self.spacing)
-        first = se2.transform_points(se2.inverse(pose), ahead).squeeze(-2).float()
-        is_far = torch.linalg.vector_norm(first, dim=-1) > self.min_distance
-        return is_far & is_hidden(first, points, returns)
+        ahead = point_at(path, progress + self._offsets(progress))
+        ahead = se2.transform_points(se2.inverse(pose), ahead).float()
+        is_far = torch.linalg.vector_norm(ahead[..., 0, :], dim=-1) > self.min_distance
+        return is_far & is_hidden(ahead, points.unsqueeze(-3), returns.unsqueeze(-2)).all(-1)
 
     def _write_points(self, tensordict: TensorDictBase, progress: Tensor) -> TensorDictBase:
         """Write the waypoints, those of the trail where the path has been out of sight."""

@@ -41,22 +41,24 @@ class TestReturningWaypoints(TransformContract):
         )
 
 
-def seen(position, hidden, path=BEND, yaw=0.0, ahead=(2.0, 0.3)):
-    """Return an observation; a return hides ``ahead`` m, the first waypoint, or does not."""
+BEYOND = torch.tensor([[2.0, 0.3 * index] for index in range(1, 6)])  # m, waypoints at the bend
+
+
+def seen(position, num_hidden, path=BEND, yaw=0.0):
+    """Return an observation in which returns hide the first waypoints beyond the bend."""
     pose = torch.tensor([[*position, yaw]], dtype=path.dtype)
-    target = se2.transform_points(se2.inverse(pose), torch.tensor([[ahead]], dtype=path.dtype))
-    points = 0.5 * target.float() if hidden else FAR
-    return TensorDict(
-        pose=pose, path=path, points=points, returns=torch.tensor([[True]]), batch_size=[1]
-    )
+    ahead = (BEYOND + path[0, 0]).unsqueeze(0)
+    points = 0.5 * se2.transform_points(se2.inverse(pose), ahead).float()
+    returns = torch.arange(5).unsqueeze(0) < num_hidden
+    return TensorDict(pose=pose, path=path, points=points, returns=returns, batch_size=[1])
 
 
 def drive(steps, transform=None):
-    """Return the observations of a drive along ``(x, hidden)`` on the line y = 0."""
+    """Return the observations of a drive along ``(x, num_hidden)`` on the line y = 0."""
     transform = transform or ReturningWaypoints()
-    before, observations = transform(seen((0.0, 0.0), False)), []
-    for x, hidden in steps:
-        now = seen((x, 0.0), hidden)
+    before, observations = transform(seen((0.0, 0.0), 0)), []
+    for x, num_hidden in steps:
+        now = seen((x, 0.0), num_hidden)
         transform._step(before, now)
         observations.append(now)
         before = now
@@ -69,27 +71,27 @@ def first_waypoint(observation):
     return [round(value, 3) for value in points[0, 0].tolist()]
 
 
-PAST_THE_BEND = [(x / 10, x > 22) for x in range(2, 43, 2)]  # 0.2 m a step to x = 4.2 m
+PAST_THE_BEND = [(x / 10, 5 * (x > 22)) for x in range(2, 53, 2)]  # 0.2 m a step to x = 5.2 m
 
 
-def test_waypoints_follow_the_path_while_it_is_in_sight():
-    last = drive([(x, False) for x, _ in PAST_THE_BEND])[-1]
+@pytest.mark.parametrize("num_hidden", [0, 4])
+def test_waypoints_follow_the_path_while_it_is_in_sight(num_hidden):
+    last = drive([(x, num_hidden) for x, _ in PAST_THE_BEND])[-1]
     assert first_waypoint(last) == [2.0, 0.3]
     assert last[keys.TRAIL_STATE].tolist() == [[1.0, 0.0]]
 
 
 def test_waypoints_lead_back_once_the_path_is_hidden():
     driven = drive(PAST_THE_BEND)
-    hidden = [step for step, (_, is_hidden) in zip(driven, PAST_THE_BEND, strict=True) if is_hidden]
-    # One waypoint is still within min_distance, two are within the patience of 0.6 s.
-    assert [first_waypoint(step)[1] for step in hidden[:4]] == [0.3, 0.3, 0.3, 0.0]
-    assert first_waypoint(driven[-1]) == [pytest.approx(3.9), 0.0]
+    sides = [first_waypoint(step)[1] for step in driven[12:]]  # from 2.6 m: min_distance is 0.7 m
+    assert sides[:4] == [0.3, 0.3, 0.3, 0.0]  # a patience of 0.6 s
+    assert first_waypoint(driven[-1]) == [pytest.approx(4.9), 0.0]
     way = se2.transform_points(driven[-1][keys.POSE], driven[-1][keys.WAYPOINTS])[0]
     torch.testing.assert_close(way[:, 1], torch.zeros(5), rtol=0.0, atol=1e-5)
 
 
 def test_way_back_ends_at_the_path():
-    back = [(x / 10, True) for x in range(40, 22, -2)]
+    back = [(x / 10, 5) for x in range(50, 22, -2)]
     driven = drive([*PAST_THE_BEND, *back])
     counts = [step[keys.TRAIL_STATE][0, 0].item() for step in driven[len(PAST_THE_BEND) :]]
     assert counts == sorted(counts, reverse=True)
@@ -98,7 +100,7 @@ def test_way_back_ends_at_the_path():
 
 
 def test_waypoints_follow_the_path_as_soon_as_it_is_seen_again():
-    last = drive([*PAST_THE_BEND, (4.0, False)])[-1]
+    last = drive([*PAST_THE_BEND, (5.0, 0)])[-1]
     assert first_waypoint(last) == [2.0, 0.3]
     assert last[keys.TRAIL_STATE].tolist() == [[1.0, 0.0]]
 
@@ -107,11 +109,9 @@ def test_way_back_is_exact_far_from_the_origin():
     shift = torch.tensor([5.0e5, 5.6e6], dtype=torch.float64)
     far = BEND.double() + shift
     transform = ReturningWaypoints()
-    before = transform(seen(shift.tolist(), False, far))
-    for x, hidden in PAST_THE_BEND:
-        place = (shift[0].item() + x, shift[1].item())
-        ahead = (shift[0].item() + 2.0, shift[1].item() + 0.3)
-        now = seen(place, hidden, far, yaw=1.2, ahead=ahead)
+    before = transform(seen(shift.tolist(), 0, far))
+    for x, num_hidden in PAST_THE_BEND:
+        now = seen((shift[0].item() + x, shift[1].item()), num_hidden, far, yaw=1.2)
         transform._step(before, now)
         before = now
     way = se2.transform_points(torch.tensor([[0.0, 0.0, 1.2]]), now[keys.WAYPOINTS])[0]
@@ -128,7 +128,7 @@ def test_restart_clears_the_trail():
     last = drive(PAST_THE_BEND)[-1]
     transform = ReturningWaypoints()
     transform.restart(last, torch.tensor([[1.0]]))
-    now = seen((4.2, 0.0), True)
+    now = seen((5.2, 0.0), 5)
     transform._step(last, now)
     assert now[keys.TRAIL_STATE][0].tolist() == pytest.approx([1.0, 0.2])
 
