@@ -57,6 +57,19 @@ def test_pedestrian_does_not_react_to_an_unseen_robot(kind):
     assert states[-1].contact.tolist() == [Contact.HIT_BY_PEDESTRIAN]
 
 
+def test_pedestrian_is_pushed_less_from_behind():
+    leaving = scene(pedestrians=[walker((0.6, 0.0), (6.0, 0.0), speed=0.6)])
+
+    def advance(**options):
+        _, states = play(SocialForcePedestrians, leaving, 5, sidestep=0.0, **options)
+        return states[-1].pedestrians[0, 0, 0].item()
+
+    alone = advance(sees_robot=False)
+    pushed = advance(rear=1.0) - alone
+    assert pushed > 0.02
+    assert 0.0 < advance(rear=0.0) - alone < 0.5 * pushed  # only until it has turned away
+
+
 def test_pedestrians_avoid_each_other_and_walls(kind):
     people = [walker((3.0, 2.0), (-3.0, 2.0)), walker((-3.0, 2.0), (3.0, 2.0))]
     walls = [(0.0, 1.2, 3.0, 0.05, 0.0), (0.0, 3.0, 3.0, 0.05, 0.0)]
