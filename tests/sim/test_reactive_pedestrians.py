@@ -67,7 +67,18 @@ def test_pedestrian_is_pushed_less_from_behind():
     alone = advance(sees_robot=False)
     pushed = advance(rear=1.0) - alone
     assert pushed > 0.02
-    assert 0.0 < advance(rear=0.0) - alone < 0.5 * pushed  # only until it has turned away
+    assert 0.0 < advance(rear=0.0) - alone < 0.5 * pushed  # at rest it looks nowhere
+
+
+def test_wall_pushes_a_pedestrian_off():
+    along = walker((-2.0, 0.3), (6.0, 0.3), speed=0.6)
+    wall = [(2.0, 0.0, 5.0, 0.05, 0.0)]  # its surface is 0.1 m from the pedestrian's
+    alone = {"sees_robot": False, "sidestep": 0.0}
+    _, beside = play(SocialForcePedestrians, scene(wall, pedestrians=[along]), 10, **alone)
+    _, free = play(SocialForcePedestrians, scene(pedestrians=[along]), 10, **alone)
+    y = [states[-1].pedestrians[0, 0, 1].item() for states in (beside, free)]
+    assert y[1] == pytest.approx(0.3, abs=0.01)
+    assert y[0] > 0.35
 
 
 def test_pedestrians_avoid_each_other_and_walls(kind):
