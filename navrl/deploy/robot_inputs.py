@@ -80,7 +80,7 @@ class RobotInputs:
         range_max: float | None,
         duration_s: float | None,
     ) -> bool:
-        """Store a scan; one that is not newer than the last is ignored, and False is returned."""
+        """Store a scan; return False, and keep the last one, if it is not newer than that."""
         before, self.scan = self.scan, None
         check_stamp(stamp)
         readings = np.array(ranges, dtype=np.float64)  # a copy: drivers reuse their buffers
