@@ -85,7 +85,7 @@ def updated(hook, **metadata):
     return metadata["readme"]["text"]
 
 
-def test_build_without_an_address_says_so(hook, monkeypatch, capsys):
+def test_build_without_an_address_reports_it(hook, monkeypatch, capsys):
     monkeypatch.delenv(hook.VARIABLE, raising=False)
     assert "![" not in updated(hook, urls={"Paper": "https://arxiv.org/abs/2310.19670"})
     assert "NAVRL_REPOSITORY_URL is not set: the package's description" in capsys.readouterr().err

@@ -7,6 +7,7 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from navrl.files import replacing
 from navrl.training.loggers import Loggers
@@ -114,6 +115,6 @@ class MetricsLog:
         return text.getvalue()
 
 
-def _is_valid(row: Mapping[str | None, str | None]) -> bool:
+def _is_valid(row: Mapping[Any, str | None]) -> bool:
     """Return whether a row read from the file has a frame count and only named columns."""
     return (row.get("frames") or "").isdecimal() and None not in row
