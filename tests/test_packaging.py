@@ -1,5 +1,6 @@
 """The wheel and the sdist carry conf/, and the commands find it from anywhere."""
 
+import importlib.util
 import subprocess
 import sys
 import tarfile
@@ -68,6 +69,63 @@ def test_long_description_has_the_addresses_of_the_release(tmp_path):
     assert f"]({address}/raw/v{__version__}/docs/assets/paper.gif)" in shown
     assert f"[Results]({address}/blob/v{__version__}/docs/results.md)" in shown
     assert "](docs/" not in shown
+
+
+@pytest.fixture(scope="module")
+def hook():
+    """The module ``hatch_build.py``, which is no part of the package."""
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def updated(hook, **metadata):
+    hook.CustomMetadataHook(str(ROOT), {}).update(metadata)
+    return metadata["readme"]["text"]
+
+
+def test_build_without_an_address_reports_it(hook, monkeypatch, capsys):
+    monkeypatch.delenv(hook.VARIABLE, raising=False)
+    assert "![" not in updated(hook, urls={"Paper": "https://arxiv.org/abs/2310.19670"})
+    assert "NAVRL_REPOSITORY_URL is not set: the package's description" in capsys.readouterr().err
+
+
+def test_address_comes_from_the_projects_urls(hook, monkeypatch, capsys):
+    urls = {"Repository": "https://example.org/a/b/"}
+    monkeypatch.delenv(hook.VARIABLE, raising=False)
+    assert f"](https://example.org/a/b/raw/v{__version__}/docs/assets/" in updated(hook, urls=urls)
+    monkeypatch.setenv(hook.VARIABLE, "https://example.org/c")
+    assert f"](https://example.org/c/raw/v{__version__}/docs/assets/" in updated(hook, urls=urls)
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("address", ["navrl", "https://example.org", "git@example.org:a/b", "/a/b"])
+def test_address_that_is_no_web_page_is_an_error(hook, address):
+    with pytest.raises(ValueError, match=r"NAVRL_REPOSITORY_URL=.*: must be the web address"):
+        hook.repository_address({hook.VARIABLE: address}, {})
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("![a b](./docs/a.png)", "![a b](https://x.org/y/raw/v1/docs/a.png)"),
+        ('![a](docs/a.png "Title")', '![a](https://x.org/y/raw/v1/docs/a.png "Title")'),
+        ("[a](docs/a.md#part)", "[a](https://x.org/y/blob/v1/docs/a.md#part)"),
+        ("[a](https://z.org/a) [b](#part)", "[a](https://z.org/a) [b](#part)"),
+    ],
+)
+def test_relative_links_become_absolute(hook, text, expected):
+    assert hook.absolute_links(text, "https://x.org/y", "1") == expected
+
+
+@pytest.mark.parametrize(
+    "text", ['<img src="docs/a.png">', "[a]: docs/a.md", "[![a](docs/a.png)](docs/a.md)"]
+)
+@pytest.mark.parametrize("repository", ["", "https://x.org/y"])
+def test_relative_links_of_other_forms_are_errors(hook, text, repository):
+    with pytest.raises(ValueError, match=r"must be written as \[text\]\(path\)"):
+        hook.absolute_links(text, repository, "1")
 
 
 def test_wheel_and_sdist_contain_modules_and_type_marker(built):

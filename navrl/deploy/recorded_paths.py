@@ -41,7 +41,7 @@ class GoalPath:
         goal: (x, y) in the frame of the poses, m.
 
     Raises:
-        ValueError: If it is not two finite numbers.
+        ValueError: If ``goal`` is not two finite numbers.
     """
 
     reads_topic = False

@@ -80,7 +80,7 @@ class RobotInputs:
         range_max: float | None,
         duration_s: float | None,
     ) -> bool:
-        """Store a scan; one that is not newer than the last is ignored, and False is returned."""
+        """Store a scan if it is newer than the last one; return whether it is stored."""
         before, self.scan = self.scan, None
         check_stamp(stamp)
         readings = np.array(ranges, dtype=np.float64)  # a copy: drivers reuse their buffers
@@ -101,7 +101,7 @@ class RobotInputs:
         return True
 
     def set_odometry(self, stamp: float, pose: ArrayLike, velocity: ArrayLike) -> bool:
-        """Store odometry; one that is not newer than the last is ignored, and False is returned."""
+        """Store odometry if it is newer than the last one; return whether it is stored."""
         check_stamp(stamp)
         v, w = np.asarray(velocity, dtype=np.float64).tolist()
         values = checked_pose(pose)
@@ -114,7 +114,7 @@ class RobotInputs:
         return is_newer
 
     def set_pose(self, stamp: float, pose: ArrayLike) -> bool:
-        """Store a pose; one that is older than the last is ignored, and False is returned."""
+        """Store a pose unless it is older than the last one; return whether it is stored."""
         before, self._pose = self._pose, None
         check_stamp(stamp)
         values = checked_pose(pose)

@@ -140,14 +140,14 @@ def planar_pose(pose: Message) -> tuple[float, float, float]:
 def fill_path(
     message: Message, make_pose: Callable[[], Message], path: np.ndarray, stamp: Message, frame: str
 ) -> Message:
-    """Write a path ``[P, 2]`` m into a nav_msgs/Path, and return it.
+    """Fill an empty nav_msgs/Path with a path, and return the message.
 
     Args:
-        message: The empty path.
+        message: The empty nav_msgs/Path.
         make_pose: The class geometry_msgs/PoseStamped.
         path: ``[P, 2]`` m.
-        stamp: Time of the path.
-        frame: Its frame.
+        stamp: Time stamp of the path.
+        frame: Name of the frame of its points.
     """
     message.header.stamp, message.header.frame_id = stamp, frame
     message.poses = [make_pose() for _ in path]

@@ -1,4 +1,4 @@
-"""Scans of any lidar as the beams of a policy, in numpy."""
+"""Resampling of the scans of any lidar to the beams of a policy, in NumPy."""
 
 from __future__ import annotations
 

@@ -203,7 +203,7 @@ class NavigationEnv(EnvBase):
             self._terms[name] = value.to(self.device).clone()
 
     def close(self, *, raise_if_closed: bool = True) -> None:
-        """Close the simulator too."""
+        """Close the environment and its simulator."""
         if not self.is_closed:
             self.simulator.close()
         super().close(raise_if_closed=raise_if_closed)

@@ -29,9 +29,11 @@ def locked(folder: Path) -> Iterator[None]:
 
     Raises:
         ValueError: If another process holds it; the message names the process.
+        OSError: If the lock file is a link, or cannot be created.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(folder / _FILE, os.O_RDWR | os.O_CREAT, 0o644)
+    # A link in a folder from others could point to any file of the user.
+    descriptor = os.open(folder / _FILE, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
     try:
         _lock(descriptor, folder)
         _held.add(descriptor)

@@ -26,7 +26,7 @@ def visibility(scenarios: ScenarioBatch, lidar_height: float, height: float) -> 
 
 
 def packed_walls(scenarios: ScenarioBatch, lidar_height: float, height: float) -> Tensor:
-    """Return [M, W, 8], the walls of :mod:`navrl.ops.kernels.worlds`."""
+    """Return the walls as rows [M, W, 8] in the layout of :mod:`navrl.ops.kernels.worlds`."""
     boxes = scenarios.boxes.double()
     yaw = boxes[..., 4:5]
     direction = torch.cat((torch.cos(yaw), torch.sin(yaw)), dim=-1)
@@ -36,7 +36,10 @@ def packed_walls(scenarios: ScenarioBatch, lidar_height: float, height: float) -
 
 
 def packed_walk(scenarios: ScenarioBatch) -> Tensor:
-    """Return [M, K, 7], the walks of :mod:`navrl.ops.kernels.worlds`; NaN rows are absent."""
+    """Return the walks as rows [M, K, 7] in the layout of :mod:`navrl.ops.kernels.worlds`.
+
+    Rows of absent pedestrians are NaN.
+    """
     columns = (
         scenarios.ped_speed[..., None],
         scenarios.ped_offset[..., None],

@@ -111,7 +111,7 @@ class RouteWalkers(PedestrianModel):
         rows[(worlds, *(slice(size) for size in value.shape[1:]))] = value.to(rows.dtype)
 
     def targets(self, state: SimState, duration_s: float) -> Tensor:
-        """Return the centers after the step; NaN for pedestrians that do not react."""
+        """Return the pedestrians' centers after the step; NaN for those that do not react."""
         place = state.pedestrians[..., :2].double().cpu()
         rows = {name: value[: len(place)] for name, value in self.rows.items()}
         self._advance(place, rows)

@@ -7,6 +7,7 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from navrl.files import replacing
 from navrl.training.loggers import Loggers
@@ -27,6 +28,9 @@ class MetricsLog:
         resume_rows: Number of rows when that checkpoint was saved; later rows are dropped too.
             ``None`` if it is unknown.
         loggers: Open loggers that receive the same scalars; ``None`` for none.
+
+    Raises:
+        ValueError: If the file of the run that resumes is damaged.
     """
 
     def __init__(
@@ -90,6 +94,11 @@ class MetricsLog:
 
     def _keep_until(self, frames: int, rows: int | None) -> None:
         found = self._rows()[:rows]
+        if not all(_is_valid(row) for row in found):
+            raise ValueError(
+                f"{self._file}: damaged, each row must have a whole number of frames and no more "
+                "cells than the header; put it back from a copy of the run, or move it away"
+            )
         self._columns = list(dict.fromkeys([*self._columns, *(k for r in found for k in r)]))
         found = [row for row in found if int(row["frames"]) <= frames]
         self._rewrite(found)
@@ -104,3 +113,8 @@ class MetricsLog:
         text = io.StringIO(newline="")
         csv.DictWriter(text, self._columns).writerows(rows)
         return text.getvalue()
+
+
+def _is_valid(row: Mapping[Any, str | None]) -> bool:
+    """Return whether a row read from the file has a frame count and only named columns."""
+    return (row.get("frames") or "").isdecimal() and None not in row

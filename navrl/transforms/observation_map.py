@@ -157,6 +157,27 @@ def require_history(
         )
 
 
+def restore_history(transform: Transform, tensordict: TensorDictBase) -> TensorDictBase:
+    """Compute the entries of stored data that depend on earlier steps, and return the data.
+
+    Entries stored at the root are retained; those under ``"next"`` are computed from the root.
+
+    Args:
+        transform: Transform that carries its ``out_keys`` from step to step.
+        tensordict: Stored data.
+
+    Raises:
+        ValueError: If the root of a transition lacks an entry.
+    """
+    missing = [key for key in transform.out_keys if key not in tensordict.keys(True, True)]
+    if missing:
+        require_history(transform, tensordict, missing)
+        transform._call(tensordict)
+    if "next" in tensordict:
+        transform._step(tensordict, tensordict["next"])
+    return tensordict
+
+
 def nested_keys(keys: Keys) -> list[NestedKey]:
     """Return keys in the form of TorchRL: lists for nested keys (from YAML) become tuples."""
     keys = [keys] if isinstance(keys, str) else keys

@@ -22,7 +22,7 @@ from navrl.transforms.observation_map import (
     read,
     read_spec,
     real_spec,
-    require_history,
+    restore_history,
 )
 
 
@@ -125,13 +125,7 @@ class RangeHistory(Transform):
         Raises:
             ValueError: If the root of a transition lacks the past scans.
         """
-        missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
-        if missing:
-            require_history(self, tensordict, missing)
-            self._call(tensordict)
-        if "next" in tensordict:
-            self._step(tensordict, tensordict["next"])
-        return tensordict
+        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the past scans to those of the environment."""

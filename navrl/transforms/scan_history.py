@@ -16,7 +16,7 @@ from navrl.transforms.observation_map import (
     observed_specs,
     read,
     read_spec,
-    require_history,
+    restore_history,
 )
 
 
@@ -91,13 +91,7 @@ class ScanHistory(Transform):
         Raises:
             ValueError: If the root of a transition lacks the previous entries.
         """
-        missing = [key for key in self.out_keys if key not in tensordict.keys(True, True)]
-        if missing:
-            require_history(self, tensordict, missing)
-            self._call(tensordict)
-        if "next" in tensordict:
-            self._step(tensordict, tensordict["next"])
-        return tensordict
+        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the previous entries to those of the environment."""

@@ -20,7 +20,7 @@ from navrl.transforms.observation_map import (
     read,
     read_spec,
     real_spec,
-    require_history,
+    restore_history,
 )
 
 
@@ -107,12 +107,7 @@ class StallTimer(Transform):
         Raises:
             ValueError: If the root of a transition lacks the stored value.
         """
-        if self.out_keys[0] not in tensordict.keys(True, True):
-            require_history(self, tensordict, self.out_keys)
-            self._call(tensordict)
-        if "next" in tensordict:
-            self._step(tensordict, tensordict["next"])
-        return tensordict
+        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the spec of the stall to those of the environment."""

@@ -48,6 +48,16 @@ def test_lock_ends_with_its_process(tmp_path):
         os.kill(child, signal.SIGKILL)
 
 
+def test_lock_does_not_follow_links(tmp_path):
+    precious = tmp_path / "precious"
+    precious.write_text("text")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / ".lock").symlink_to(precious)
+    with pytest.raises(OSError, match="symbolic"):
+        locked(tmp_path / "run").__enter__()
+    assert precious.read_text() == "text"
+
+
 def test_new_folders_are_exclusive(tmp_path):
     with ThreadPoolExecutor(8) as threads:
         folders = list(threads.map(new_folder, [tmp_path / "a" / "run"] * 8))

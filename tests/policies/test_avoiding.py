@@ -11,7 +11,7 @@ from tensordict import TensorDict
 
 from navrl import keys
 from navrl.policies.classical import DynamicWindow, Orca, StopAndGo
-from navrl.policies.classical.commands import normalized_action, physical_command
+from navrl.policies.classical.commands import last_command, normalized_action, physical_command
 from navrl.sim import DifferentialDrive
 from navrl.worlds import Pedestrian, Scenario, ScenarioBatch
 
@@ -57,6 +57,14 @@ def test_commands_round_trip_through_scaling():
     torch.testing.assert_close(physical_command(robot, normalized_action(robot, command)), command)
     clipped = normalized_action(robot, torch.tensor([9.0, -9.0]))
     assert clipped.tolist() == [1.0, -1.0]
+
+
+def test_last_command_is_within_the_limits_of_the_robot():
+    action = torch.tensor([[3.0, -math.inf], [math.nan, 0.5], [-1.0, 1.0]])
+    command = last_command(ROBOT, TensorDict({keys.ACTION: action}, [3]))
+    expected = [[1.0, -math.pi], [0.0, math.pi / 2], [0.0, math.pi]]
+    torch.testing.assert_close(command, torch.tensor(expected))
+    assert last_command(ROBOT, TensorDict({}, [3])).tolist() == [[0.0, 0.0]] * 3
 
 
 # --- dynamic window ------------------------------------------------------------------------------

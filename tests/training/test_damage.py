@@ -165,6 +165,23 @@ def test_log_retains_only_rows_of_the_checkpoint(tmp_path):
     assert (tmp_path / "metrics.csv").read_text().split()[1:] == ["10,1,1", "10,1,2", "20,2,4"]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "frames;updates\n10;1\n",  # saved by a spreadsheet
+        "\ufeffframes,updates\n10,1\n",
+        "frames,updates\n10,1,7\n",
+        "frames,updates\n1e1,1\n",
+        "frames,updates\n,1\n",
+    ],
+)
+def test_damaged_log_is_named(tmp_path, text):
+    (tmp_path / "metrics.csv").write_text(text)
+    with pytest.raises(ValueError, match=r"metrics\.csv: damaged, each row must have"):
+        MetricsLog(tmp_path, resume_frames=10)
+    assert (tmp_path / "metrics.csv").read_text() == text
+
+
 @pytest.mark.parametrize("left", ["journal", "log"])
 def test_run_with_missing_state_does_not_restart(tmp_path, left):
     store, replay = (

@@ -92,6 +92,25 @@ def end_gap(v: float, w: float, t: float, point) -> float:
     return math.hypot(point[0] - chord * math.cos(half), point[1] - chord * math.sin(half)) - RADIUS
 
 
+def values_of(scan: TensorDict) -> list[torch.Tensor]:
+    return [scan[key] for key in (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID)]
+
+
+def test_replaced_command_keeps_the_precision_of_the_request():
+    values, request = values_of(seen((0.45, 0.0))), torch.tensor([[1.0, 0.0], [1.0, 0.2]])
+    values = [value.expand(2, *value.shape) for value in values]
+    expected = ActionShield().command(request, *values)
+    shielded = ActionShield().command(request.double(), *values)
+    assert shielded.dtype == torch.float64
+    assert torch.equal(shielded.float(), expected) and not torch.equal(expected, request)
+
+
+def test_scan_without_points_changes_no_command():
+    points, returns, *groups = values_of(seen((0.45, 0.0)))
+    command = ActionShield().command(torch.tensor([1.0, 0.0]), points[:0], returns[:0], *groups)
+    assert command.tolist() == [1.0, 0.0]
+
+
 def test_largest_clearance_is_chosen_without_a_safe_command():
     ring = [(0.19 * math.cos(a), 0.19 * math.sin(a)) for a in torch.linspace(0, 6.2, 60).tolist()]
     v, _ = driven(seen(*ring), 1.0)

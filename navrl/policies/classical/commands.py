@@ -38,17 +38,17 @@ def last_command(robot: RobotModel, tensordict: TensorDictBase) -> Tensor:
 
     Args:
         robot: Robot whose limits correspond to -1 and 1.
-        tensordict: Input of a policy, ``[*B]``. Its ``action [*B, 2]`` is that of the previous
-            step; it is missing before the first step, and NaN in worlds that were reset while
-            others continued.
+        tensordict: Input of a policy, ``[*B]``. Its ``action [*B, C]`` is that of the previous
+            step, clipped to [-1, 1] as it was driven; it is missing before the first step, and NaN
+            in worlds that were reset while others continued.
 
     Returns:
-        ``[*B, 2]`` (v, w), m/s and rad/s; zero (stationary) where there is no last action.
+        ``[*B, C]``, e.g. (v, w), m/s and rad/s; zero (stationary) where there is no last action.
     """
     action = tensordict.get(keys.ACTION, None)
     if action is None:
-        return torch.zeros(*tensordict.batch_size, 2, device=tensordict.device)
-    return physical_command(robot, action).nan_to_num(0.0)
+        return torch.zeros(*tensordict.batch_size, robot.command_size, device=tensordict.device)
+    return physical_command(robot, action.clamp(-1.0, 1.0)).nan_to_num(0.0)
 
 
 @functools.lru_cache(maxsize=16)

@@ -128,14 +128,15 @@ class OccupancyMap:
         return self._boxes(edge, np.full(2, -self.cell))
 
     def region(self, clearance: float = 0.25) -> FreeRegion:
-        """Return the largest connected set of cells with a clearance that is inside.
+        """Return the largest connected region of free cells inside the building.
 
-        What has more than half of the edge of the map is outside of the building, unless there is
-        nothing else.
+        A region that covers more than half of the map's edge is taken as the outside and ignored,
+        unless it is the only one.
 
         Args:
-            clearance: Minimum distance to cells that are not free, m: narrower gaps, such as the
-                single beams of a lidar that passed a window, connect nothing.
+            clearance: Minimum distance of the region's cells to all cells that are not free, m.
+                Narrower gaps do not connect two regions, e.g. the trace of a single lidar beam
+                that passed through a window.
         """
         around = ~np.pad(self.free, 1, mode="edge")
         mask = np.ones_like(self.free)
