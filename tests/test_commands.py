@@ -82,6 +82,8 @@ OTHERS = {
     "bin/",
     "git tag",
     "git push",
+    "mike ",  # docs/releasing.md: a branch of a release; tests/test_docs.py builds the site
+    "docker ",  # docs/containers.md: tests/test_containers.py compares what is run
     "python3 -m venv .venv",  # CI's own first step, and its test command
     "ruff format navrl tests",  # tests/test_style.py
     "python -m pytest -n auto",
@@ -106,13 +108,16 @@ OWN_TESTS = {
     "own_policy.md",
     "places.md",
 }  # tests of these names
-# Parts of it are in other commands; 20 s of starting processes.
-NIGHTLY = "navrl-benchmark 'rows=[workers,update,training]'"
+# Parts of the first are in other commands; 20 s of starting processes. A minute of a C++ compiler.
+NIGHTLY = (
+    "navrl-benchmark 'rows=[workers,update,training]'",
+    "navrl-benchmark 'rows=[compile]'",
+)
 COMMANDS = [
     pytest.param(
         *(page, command),
         id=f"{page.name}-{k}",
-        marks=pytest.mark.slow if command == NIGHTLY else (),
+        marks=pytest.mark.slow if command in NIGHTLY else (),
     )
     for page in pages.PAGES
     if page.name not in OWN_TESTS

@@ -26,7 +26,7 @@ PACKAGES = [
 
 @pytest.fixture(scope="module")
 def site(once):
-    for needed in ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers"):
+    for needed in ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers", "mkdocs_jupyter"):
         if importlib.util.find_spec(needed) is None:
             pytest.skip(f"the site needs {needed}: pip install -e '.[test,docs]'")
     return once("site", build)
@@ -86,6 +86,50 @@ def test_every_page_is_reachable():
     for page in (ROOT / "docs").rglob("*.md"):
         assert f": {page.relative_to(ROOT / 'docs')}\n" in menu, page
     assert "strict: true" in menu
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.stem)
+def test_page_opens_with_its_purpose(page):
+    title, purpose = page.read_text().split("\n\n")[:2]
+    assert title.startswith("# ") and "\n" not in title
+    assert re.match(r"After this page [a-z]", purpose) and len(purpose) < 300
+
+
+def test_home_page_has_a_path_for_each_reader():
+    text = (ROOT / "docs" / "index.md").read_text()
+    for reader in ("Researcher", "Roboticist", "Engineer"):
+        part = re.split(r"^## ", text.partition(f"## {reader}: ")[2], flags=re.M)[0]
+        steps = re.findall(r"^(\d)\. \[", part, re.M)
+        assert [int(step) for step in steps] == list(range(1, len(steps) + 1)) and len(steps) >= 5
+        assert "notebooks/" in part, "each path has a notebook"
+
+
+def test_links_of_notebooks_lead_to_pages(site):
+    for folder in (site / "notebooks").iterdir():
+        page = (folder / "index.html").read_text()
+        article = re.search(r"<article.*?</article", page, re.S)[0]
+        links = re.findall(r'href="(\.\./[^"#]*)', article)
+        assert links or folder.name == "train"
+        for link in links:
+            assert not link.endswith((".md", ".ipynb")) and (folder / link).exists(), link
+
+
+def test_site_has_search_and_versions(site):
+    assert (site / "search" / "search_index.json").stat().st_size > 100_000
+    assert '"version": {"provider": "mike"}' in (site / "index.html").read_text()
+
+
+def test_features_page_explains_each_lack():
+    page = (ROOT / "docs" / "features.md").read_text()
+    table, _, reasons = page.partition("## What navrl lacks")
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \|.*\|$", table, re.M)
+    lacking = {name for name, own in rows if own == "no"}
+    assert lacking == set(
+        re.findall(r"^\| ([^|]+) \| [A-Z]", reasons.partition("## Sources")[0], re.M)
+    )
+    assert len(rows) > 25 and len(lacking) < 10
+    bundles = len(list((ROOT / "navrl" / "policies" / "zoo").iterdir()))
+    assert f"| trained policies | {bundles} in the package |" in page
 
 
 def test_pipeline_page_lists_folders_keys_and_shapes():

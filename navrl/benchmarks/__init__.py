@@ -10,7 +10,7 @@ from navrl.benchmarks.machine import describe_machine
 from navrl.benchmarks.measurement import Budget, Task, alternate
 from navrl.benchmarks.memory import memory_row
 from navrl.benchmarks.peers import peer_rows
-from navrl.benchmarks.perception import perception_rows
+from navrl.benchmarks.perception import compile_rows, perception_rows
 from navrl.benchmarks.results import Bar, Report, Row, Series
 from navrl.benchmarks.scanning import growth_series, scan_rows
 from navrl.benchmarks.startup import startup_rows
@@ -26,6 +26,7 @@ __all__ = [
     "Series",
     "Task",
     "alternate",
+    "compile_rows",
     "count_flops",
     "deploy_rows",
     "describe_machine",

@@ -41,6 +41,7 @@ from navrl.worlds import ScenarioPool
 log = logging.getLogger(__name__)
 Results = Sequence[Row | Series | str]
 _DEPLOYED = "paper"  # the policy of the rows "deploy"
+_COMPILED_WORLDS = 64
 
 
 def run_benchmark(cfg: DictConfig, folder: Path) -> Report:
@@ -100,6 +101,12 @@ def _icp_tagd(cfg: DictConfig) -> Results:
         steps = compose("train", [f"transforms={name}"]).transforms
         variants[name] = instantiate(steps.icp_align), instantiate(steps.tagd)
     return benchmarks.perception_rows(_maker(cfg)(cfg.effort.step_worlds), variants, _budget(cfg))
+
+
+def _compile(cfg: DictConfig) -> Results:
+    steps = cfg.transforms
+    parts = [instantiate(step) for step in (steps.min_pool, steps.icp_align, steps.tagd)]
+    return benchmarks.compile_rows(_maker(cfg)(_COMPILED_WORLDS), parts, _budget(cfg))
 
 
 def _growth(cfg: DictConfig) -> Results:
@@ -239,6 +246,7 @@ MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "peers": _peers,
     "step": _step,
     "icp_tagd": _icp_tagd,
+    "compile": _compile,
     "growth": _growth,
     "memory": _memory,
     "update": _update,
@@ -249,9 +257,6 @@ MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "deploy": _deploy,
     "gpu": _gpu,
 }
-
-
-# --- what is measured ----------------------------------------------------------------------------
 
 
 def _budget(cfg: DictConfig) -> Budget:

@@ -8,7 +8,7 @@ from navrl.config import did_you_mean
 
 ROWS = (
     *("scan", "peers", "step", "icp_tagd", "growth", "memory", "update", "training", "workers"),
-    *("latency", "startup", "deploy", "gpu"),
+    *("latency", "startup", "deploy", "compile", "gpu"),
 )
 
 

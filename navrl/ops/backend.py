@@ -18,9 +18,9 @@ def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
 
     Args:
         backend: ``auto`` selects the kernel whenever it supports the inputs: float32 or float64
-            tensors without gradients, outside of ``torch.compile``, on the CPU, or on a CUDA device
-            if numba-cuda is installed. ``numba`` requires the kernel; ``torch`` selects the torch
-            implementation.
+            tensors without gradients, on the CPU, or on a CUDA device if numba-cuda is installed
+            and the caller is not in ``torch.compile``; never in ``torch.export``. ``numba``
+            requires the kernel; ``torch`` selects the torch implementation.
         inputs: Tensors that the function reads.
 
     Raises:
@@ -33,7 +33,7 @@ def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
     """
     if backend not in BACKENDS:
         raise ValueError(f"backend={backend!r}: must be one of {', '.join(BACKENDS)}")
-    if backend == "torch" or (backend == "auto" and torch.compiler.is_compiling()):
+    if backend == "torch" or (backend == "auto" and _needs_torch(inputs)):
         return False
     for tensor in inputs:
         obstacle = _obstacle(tensor)
@@ -45,6 +45,13 @@ def is_compiled(backend: Backend, *inputs: Tensor) -> bool:
                 )
             return False
     return True
+
+
+def _needs_torch(inputs: tuple[Tensor, ...]) -> bool:
+    """Return whether the graph being traced should contain torch's operations."""
+    if not torch.compiler.is_compiling():
+        return False
+    return torch.compiler.is_exporting() or any(not tensor.is_cpu for tensor in inputs)
 
 
 def _obstacle(tensor: Tensor) -> str | None:

@@ -122,7 +122,18 @@ def _align_compiled(
         scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans
     )
     seen = seen if seen is None else seen.reshape(batch.numel(), -1)
-    results = align_scans(source, source_returns, target, target_returns, seen, options)
+    limits = (
+        float(options.gate),
+        math.inf if options.robust_scale is None else float(options.robust_scale),
+        float(options.rotation_tolerance),
+        float(options.translation_tolerance),
+        float(options.search_range),
+    )
+    results = align_scans(
+        *(source, source_returns, target, target_returns, seen),
+        *(options.initialization, options.metric, limits),
+        *(options.max_iterations, options.min_pairs),
+    )
     return Alignment(*(result.reshape(batch + result.shape[1:]) for result in results))
 
 

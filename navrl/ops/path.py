@@ -176,18 +176,15 @@ def _project_compiled(
     ahead: float,
     behind: float,
 ) -> PathProjection:
-    from navrl.ops.kernels.path import project_kernel
+    from navrl.ops.kernels.path import project_rows
 
     batch, count = path.shape[:-2], path.shape[:-2].numel()
     if previous_progress is None:
         previous_progress = path.new_full(batch, math.nan)
-    progress, distance = path.new_empty(2, count)
-    project_kernel(
-        progress,
-        distance,
-        path.reshape(count, *path.shape[-2:]).contiguous(),
-        position.reshape(count, 2).contiguous(),
-        previous_progress.expand(batch).reshape(count).contiguous(),
+    progress, distance = project_rows(
+        path.reshape(count, *path.shape[-2:]),
+        position.reshape(count, 2),
+        previous_progress.expand(batch).reshape(count),
         float(ahead),
         float(behind),
     )
@@ -195,15 +192,10 @@ def _project_compiled(
 
 
 def _point_at_compiled(path: Tensor, arc: Tensor) -> Tensor:
-    from navrl.ops.kernels.path import points_at_kernel
+    from navrl.ops.kernels.path import points_at
 
     batch, count = path.shape[:-2], path.shape[:-2].numel()
-    points = path.new_empty(count, arc.shape[-1], 2)
-    points_at_kernel(
-        points,
-        path.reshape(count, *path.shape[-2:]).contiguous(),
-        arc.reshape(count, arc.shape[-1]).contiguous(),
-    )
+    points = points_at(path.reshape(count, *path.shape[-2:]), arc.reshape(count, arc.shape[-1]))
     return points.reshape(*batch, arc.shape[-1], 2)
 
 

@@ -141,20 +141,18 @@ def beam_grid(
 def _cast_rays_compiled(
     pose: Tensor, boxes: Tensor, num_boxes: Tensor, beams: Beams, max_range: float
 ) -> Tensor:
-    from navrl.ops.kernels.rays import cast_rays_kernel
+    from navrl.ops.kernels.rays import cast_rows
 
     batch, count = pose.shape[:-1], pose.shape[:-1].numel()
-    out = pose.new_empty(count, beams[0], dtype=torch.float32)
-    cast_rays_kernel(
-        out,
-        pose.reshape(count, 3).double().contiguous(),
-        boxes.reshape(count, boxes.shape[-2], 5).double().contiguous(),
-        num_boxes.reshape(count).long().contiguous(),
-        *beam_directions(*beams, pose.device),
+    ranges = cast_rows(
+        pose.reshape(count, 3).double(),
+        boxes.reshape(count, boxes.shape[-2], 5).double(),
+        num_boxes.reshape(count).long(),
+        beam_directions(*beams, pose.device),
         beam_grid(*beams),
         float(max_range),
     )
-    return out.reshape(*batch, beams[0])
+    return ranges.reshape(*batch, beams[0])
 
 
 def _cast_rays_torch(

@@ -91,13 +91,10 @@ def rotation_rows(yaw: Tensor) -> Tensor:
 
 
 def _transform_compiled(T_target_source: Tensor, points_source: Tensor) -> Tensor:
-    from navrl.ops.kernels.se2 import transform_points_kernel
+    from navrl.ops.kernels.se2 import transform_rows
 
-    T = T_target_source.reshape(-1, 3)
     points = points_source.reshape(-1, *points_source.shape[-2:])
-    moved = torch.empty(points_source.shape, dtype=points.dtype)
-    transform_points_kernel(points, T[:, 2].cos(), T[:, 2].sin(), T[:, :2], moved.view_as(points))
-    return moved
+    return transform_rows(points, T_target_source.reshape(-1, 3)).view(points_source.shape)
 
 
 def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ from numba.core.caching import Cache
 from numba.core.serialize import dumps
 
 from navrl.files import explain_os_error, replacing
+from navrl.ops.kernels.compile_progress import PROGRESS
 
 if sys.platform != "win32":  # there, processes that start at once compile the same kernel
     import fcntl
@@ -75,6 +76,7 @@ class KernelFiles:
 
     def save(self, key: object, data: object) -> None:
         """Save ``data`` under ``key``; a failure is logged and the kernel runs uncached."""
+        PROGRESS.end()
         code, file = dumps(data), self._file(key)
         try:
             with replacing(file) as stream:

@@ -12,6 +12,7 @@ from numba.core import config
 from torch import Tensor
 
 from navrl.ops.kernels.cache import cache_directory, use_checked_files
+from navrl.ops.kernels.compile_progress import PROGRESS, is_cached
 from navrl.ops.kernels.threads import run_rows
 
 SETTINGS: Any = config  # Numba sets its attributes at run time
@@ -86,6 +87,6 @@ def cached(function: Callable, jit: Callable, form: str) -> Callable:
     finally:
         SETTINGS.CACHE_DIR = configured
     use_checked_files(dispatcher)
-    if not any(directory.rglob(f"*.{function.__name__}-*.nbc")):
-        LOG.warning("compiling %s once (takes seconds); cached in %s", function.__name__, directory)
+    if not is_cached(function.__name__, directory):
+        LOG.warning("%s", PROGRESS.begin(function.__name__, directory))
     return dispatcher

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from navrl.ops.beams import SECTOR_TOLERANCE_RAD
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
+from navrl.ops.kernels.operators import operator
 
 FAR = 1e9  # m; coordinate of points without a return
 _TWO_PI = 2.0 * math.pi
@@ -162,6 +163,14 @@ def _rays(num_groups: int, device: torch.device) -> Tensor:
     return torch.from_numpy(np.stack((np.cos(angle), np.sin(angle)), axis=-1)).to(device)
 
 
+def _described(
+    points: Tensor, returns: Tensor, before: Tensor, had: Tensor, num_groups: int, *_: object
+) -> tuple[Tensor, Tensor]:
+    descriptors = points.new_empty(points.shape[0], num_groups, 4)
+    return descriptors, points.new_empty(points.shape[0], num_groups, 2, dtype=torch.bool)
+
+
+@operator(_described)
 def describe_groups(
     points: Tensor,
     returns: Tensor,
@@ -175,9 +184,8 @@ def describe_groups(
     empty_scans: str,
 ) -> tuple[Tensor, Tensor]:
     """Run the kernel of :func:`navrl.ops.grouping.tagd` on scans [S, N, 2] and [S, M, 2]."""
-    descriptors = points.new_empty(points.shape[0], num_groups, 4)
-    valid = points.new_empty(points.shape[0], num_groups, 2, dtype=torch.bool)
     scans = (points, returns, previous_points, previous_returns)
+    described = _described(*scans, num_groups)
     tagd_kernel(
         *(scan.contiguous() for scan in scans),
         _rays(num_groups, points.device),
@@ -186,7 +194,6 @@ def describe_groups(
         empty_now == "center",
         ("current", "center", "zeros").index(empty_previous),
         empty_scans == "zeros",
-        descriptors,
-        valid,
+        *described,
     )
-    return descriptors, valid
+    return described

@@ -7,15 +7,17 @@ branches and contiguous reads, so that the compiler vectorizes them: conditions 
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from navrl.ops.icp_options import DAMPING, SLIDE_WEIGHT, IcpOptions
+from navrl.ops.icp_options import DAMPING, SLIDE_WEIGHT
 from navrl.ops.kernels.compiler import kernel, reordering_scalar, scalar
 from navrl.ops.kernels.lines import fit_lines
 from navrl.ops.kernels.nearest import find_nearest, is_ordered, repeat, unroll
+from navrl.ops.kernels.operators import operator
 from navrl.ops.kernels.rotation_search import search_rotation
 
 _TWO_PI = 2.0 * math.pi
@@ -244,36 +246,50 @@ def align_kernel(
             motion[n] = 0.0
 
 
+Aligned = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
+
+
+def _aligned(source: Tensor, *_: object, dtype: torch.dtype | None = None) -> Aligned:
+    """Return empty motion, convergence, inliers, residual and iterations."""
+    count = source.shape[0]
+    return (
+        source.new_empty(count, 3, dtype=dtype),
+        source.new_empty(count, dtype=torch.bool),
+        source.new_empty(count, dtype=torch.int64),
+        source.new_empty(count, dtype=dtype),
+        source.new_empty(count, dtype=torch.int64),
+    )
+
+
+@operator(_aligned)
 def align_scans(
     source: Tensor,
     source_returns: Tensor,
     target: Tensor,
     target_returns: Tensor,
     seen: Tensor | None,
-    options: IcpOptions,
-) -> tuple[Tensor, ...]:
-    """Align scans [S, N, 2] for :func:`navrl.ops.icp.align`; return fields of its result."""
-    count = source.shape[0]
-    motion = source.new_empty(count, 3, dtype=torch.float64)
-    rmse = source.new_empty(count, dtype=torch.float64)
-    converged = source.new_empty(count, dtype=torch.bool)
-    inliers, iterations = source.new_empty(2, count, dtype=torch.int64)
-    limits = (
-        float(options.gate),
-        math.inf if options.robust_scale is None else float(options.robust_scale),
-        float(options.rotation_tolerance),
-        float(options.translation_tolerance),
-        float(options.search_range),
-    )
+    initialization: str,
+    metric: str,
+    limits: Sequence[float],
+    max_iterations: int,
+    min_pairs: int,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Align scans [S, N, 2] for :func:`navrl.ops.icp.align`; return fields of its result.
+
+    ``limits`` is (gate, robust scale or infinity, rotation tolerance, translation tolerance, search
+    range).
+    """
+    results = _aligned(source, dtype=torch.float64)
+    motion, converged, inliers, rmse, iterations = results
     align_kernel(
         *(scan.contiguous() for scan in (source, source_returns, target, target_returns)),
         (source_returns if seen is None else seen).contiguous(),
         seen is not None,
-        options.initialization == "rotation_search",
-        options.metric == "point_to_line",
-        limits,
-        options.max_iterations,
-        options.min_pairs,
+        initialization == "rotation_search",
+        metric == "point_to_line",
+        tuple(limits),
+        max_iterations,
+        min_pairs,
         *(motion, converged, inliers, rmse, iterations),
     )
     return motion.to(source.dtype), converged, inliers, rmse.to(source.dtype), iterations

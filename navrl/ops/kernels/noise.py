@@ -6,6 +6,7 @@ from torch import Tensor
 
 from navrl.ops.beams import HIT_MARGIN
 from navrl.ops.kernels.compiler import kernel, scalar
+from navrl.ops.kernels.operators import operator
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -68,11 +69,16 @@ def add_range_noise_kernel(rows, ranges, out, seed, step, table, max_range, max_
         add_to_ranges(ranges[world], out[world], max_range, max_hit)  # still in cache
 
 
+def _noisy(ranges: Tensor, *_: object) -> Tensor:
+    return torch.empty_like(ranges, memory_format=torch.contiguous_format)
+
+
+@operator(_noisy, shared=["table"])
 def add_noise(
     ranges: Tensor, seed: Tensor, step: Tensor, table: Tensor, max_range: float
 ) -> Tensor:
     """Run the kernel of :func:`navrl.ops.noise.add_range_noise` on validated arguments."""
-    out = torch.empty_like(ranges, memory_format=torch.contiguous_format)
+    out = _noisy(ranges)
     add_range_noise_kernel(
         ranges.contiguous(),
         out,

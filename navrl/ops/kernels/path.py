@@ -2,7 +2,10 @@
 
 import math
 
+from torch import Tensor
+
 from navrl.ops.kernels.compiler import kernel, scalar
+from navrl.ops.kernels.operators import operator
 from navrl.ops.path_search import LEAVING_RATIO
 
 _LEAVING_SQUARED = LEAVING_RATIO**2
@@ -79,3 +82,30 @@ def points_at_kernel(rows, points, path, arcs):
     for n in range(rows[0], rows[1]):
         for j in range(arcs.shape[1]):
             points[n, j, 0], points[n, j, 1] = find_point(path[n], arcs[n, j])
+
+
+def _projected(path: Tensor, *_: object) -> tuple[Tensor, Tensor]:
+    return path.new_empty(path.shape[0]), path.new_empty(path.shape[0])
+
+
+@operator(_projected)
+def project_rows(
+    path: Tensor, position: Tensor, previous: Tensor, ahead: float, behind: float
+) -> tuple[Tensor, Tensor]:
+    """Run the kernel of :func:`navrl.ops.path.project_onto_path`; return progress and distance."""
+    progress, distance = _projected(path)
+    arrays = (path.contiguous(), position.contiguous(), previous.contiguous())
+    project_kernel(progress, distance, *arrays, ahead, behind)
+    return progress, distance
+
+
+def _points(path: Tensor, arcs: Tensor) -> Tensor:
+    return path.new_empty(*arcs.shape, 2)
+
+
+@operator(_points)
+def points_at(path: Tensor, arcs: Tensor) -> Tensor:
+    """Run the kernel of :func:`navrl.ops.path.point_at`; return the points [N, K, 2]."""
+    points = _points(path, arcs)
+    points_at_kernel(points, path.contiguous(), arcs.contiguous())
+    return points

@@ -4,8 +4,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from navrl.ops.beams import RETURN_MARGIN_M, Bearing
+from navrl.ops.beams import RETURN_MARGIN_M
 from navrl.ops.kernels.compiler import kernel, scalar
+from navrl.ops.kernels.operators import operator
 
 
 @scalar
@@ -54,14 +55,19 @@ def min_pool_kernel(
             )  # fmt: skip
 
 
-def pool(
-    ranges: Tensor, num_bins: int, directions: Tensor, max_range: float, bearing: Bearing
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Run the kernel of :func:`navrl.ops.pooling.min_pool` on scans [S, beams] in bin order."""
+def _pooled(ranges: Tensor, num_bins: int, *_: object) -> tuple[Tensor, Tensor, Tensor]:
     num_scans = ranges.shape[0]
     nearest = ranges.new_empty(num_scans, num_bins)
     points = ranges.new_empty(num_scans, num_bins, 2)
-    returns = ranges.new_empty(num_scans, num_bins, dtype=torch.bool)
+    return nearest, points, ranges.new_empty(num_scans, num_bins, dtype=torch.bool)
+
+
+@operator(_pooled, shared=["directions"])
+def pool(
+    ranges: Tensor, num_bins: int, directions: Tensor, max_range: float, bearing: str
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Run the kernel of :func:`navrl.ops.pooling.min_pool` on scans [S, beams] in bin order."""
+    pooled = _pooled(ranges, num_bins)
     real = np.float32 if ranges.dtype == torch.float32 else np.float64
     min_pool_kernel(
         ranges.contiguous(),
@@ -69,8 +75,6 @@ def pool(
         bearing == "beam",
         real(max_range - RETURN_MARGIN_M),
         real(max_range),
-        nearest,
-        points,
-        returns,
+        *pooled,
     )
-    return nearest, points, returns
+    return pooled

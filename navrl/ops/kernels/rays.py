@@ -10,10 +10,14 @@ A disc is an obstacle without a direction: its cosine and sine are zero and hx i
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from navrl.ops.kernels.compiler import kernel, scalar
+from navrl.ops.kernels.operators import operator
 
 _EDGE = 1e-9  # beams; widens faces so that no beam passes between two boxes with a common corner
 
@@ -185,3 +189,23 @@ def cast_rays_kernel(rows, out, pose, boxes, num_boxes, cos, sin, grid, max_rang
                 row, 0, row.shape[0], cos, sin, grid, faces, max_range, x, y, cos_yaw, sin_yaw,
                 cx, cy, hx, hy, cos_box, sin_box,
             )  # fmt: skip
+
+
+def _cast(pose: Tensor, boxes: Tensor, num_boxes: Tensor, beams: Tensor, *_: object) -> Tensor:
+    return pose.new_empty(pose.shape[0], beams.shape[1], dtype=torch.float32)
+
+
+@operator(_cast, shared=["beams"])
+def cast_rows(
+    pose: Tensor,
+    boxes: Tensor,
+    num_boxes: Tensor,
+    beams: Tensor,
+    grid: Sequence[float],
+    max_range: float,
+) -> Tensor:
+    """Run the kernel of :func:`navrl.ops.raycast.cast_rays`; ``beams`` [2, beams] (cos, sin)."""
+    ranges = _cast(pose, boxes, num_boxes, beams)
+    rows = (pose.contiguous(), boxes.contiguous(), num_boxes.contiguous())
+    cast_rays_kernel(ranges, *rows, *beams, tuple(grid), max_range)
+    return ranges
