@@ -33,7 +33,7 @@ class SpaceTimeMaps(NamedTuple):
 def space_time_maps(
     scenarios: ScenarioBatch, time_s: Tensor, reach: float, cell: float, step_length: float
 ) -> SpaceTimeMaps:
-    """Compute the grid maps and pedestrian positions that the space-time search of episodes reads.
+    """Compute the maps and pedestrian positions that the space-time search reads.
 
     Args:
         scenarios: ``[S]``.
