@@ -251,7 +251,6 @@ class Trainer:
         row["evaluation/max_dynamic"] = self.curriculum.max_dynamic
         row["seconds/evaluation"] = time.monotonic() - start
         self._log.log(progress.frames, progress.updates, row)
-        self._send_video()
         progress.evaluated_frames, progress.evaluated_updates = progress.frames, progress.updates
         done = {name: getattr(progress, name) for name in ("frames", "updates", "seconds")}
         scored = {**metrics, **done, "curriculum_level": level}
@@ -262,6 +261,7 @@ class Trainer:
             self.on_best(scored)
         if self.curriculum.report(rate):
             self.collector.set_max_dynamic(self.curriculum.max_dynamic)
+        self._send_video()  # last: a signal may interrupt it, and a resume must not repeat the row
 
     def _send_video(self) -> None:
         """Play an episode and send its video to the loggers, if one is due."""

@@ -114,6 +114,22 @@ def test_kill_at_the_final_evaluation_adds_no_row(tmp_path, whole, moment):
     assert_same_run(resumed, whole)
 
 
+def test_signal_during_a_video_adds_no_row(tmp_path, whole):
+    stopped = tiny_trainer(tmp_path, RUN)
+
+    def video(frames):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1.0)
+
+    stopped.video = video
+    with pytest.raises(TrainingStoppedError, match="stopped by SIGTERM"):
+        stopped.run()
+    assert rows(tmp_path)[-1]["evaluation/success_rate"]
+    resumed = tiny_trainer(tmp_path, RUN)
+    resumed.run()
+    assert_same_run(resumed, whole)
+
+
 def test_last_frame_is_evaluated_once(tmp_path):
     due = ["schedule.evaluate_every_updates=5", "schedule.learning_starts=44"]  # at 80 and 120
     trainer, _ = rated(tmp_path, [0.5] * 3, due)
