@@ -201,6 +201,12 @@ def test_stop_is_kept_if_a_frontal_contact_cannot_be_avoided(speed, gap):
     assert v < 1.0
 
 
+@pytest.mark.parametrize("w", [0.0, 0.5])
+def test_stop_is_kept_among_equally_late_contacts(w):
+    """Driving on with a turn would leave more room in the end, but meets the point no later."""
+    assert driven(seen((0.3, 0.1), motion=(-0.2, 0.0)), 0.0, w) == (0.0, w)
+
+
 def test_approaching_points_do_not_lower_the_distance_to_others():
     """A pedestrian within the margin on one side, a wall outside of it on the other."""
     person, motion, wall = (0.0, RADIUS + 0.01), (0.0, -0.07), (0.45, 0.0)
