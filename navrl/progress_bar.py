@@ -69,6 +69,7 @@ class RemainingTime:
     def __init__(
         self, window_s: float = 600.0, clock: Callable[[], float] = time.monotonic
     ) -> None:
+        """Start without progress."""
         self._window_s, self._clock = window_s, clock
         self._marks: deque[tuple[float, float]] = deque()
 

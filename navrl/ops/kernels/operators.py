@@ -5,10 +5,14 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
+
+
+class _Mapping(Protocol):
+    batch_size: int  # members of torch.vmap
 
 
 def is_traced() -> bool:
@@ -44,7 +48,7 @@ def operator(outputs: Callable, shared: Sequence[str] = ()) -> Callable:
         torch.library.register_vmap(name, rule)
 
         @functools.wraps(function)
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any) -> Tensor | tuple[Tensor, ...]:
             return registered(*arguments) if is_traced() else function(*arguments)
 
         return call
@@ -56,7 +60,7 @@ def _map_rows(
     registered: Callable,
     names: Sequence[str],
     shared: Sequence[str],
-    info: Any,
+    info: _Mapping,
     in_dims: tuple[int | None, ...],
     *arguments: Any,
 ) -> tuple[Any, Any]:
