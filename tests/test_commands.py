@@ -117,7 +117,7 @@ COMMANDS = [
     pytest.param(
         *(page, command),
         id=f"{page.name}-{k}",
-        marks=pytest.mark.slow if command in NIGHTLY else (),
+        marks=pytest.mark.slow if command.startswith(NIGHTLY) else (),
     )
     for page in pages.PAGES
     if page.name not in OWN_TESTS

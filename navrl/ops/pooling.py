@@ -84,9 +84,9 @@ def min_pool(
         raise ValueError(f"ranges: must have shape [*B, beams], got {tuple(ranges.shape)}")
     check_pooling(max_range, bearing)
     increment = None if angle_increment is None else float(angle_increment)
-    layout = scan_layout(
-        ranges.shape[-1], group_size, num_points, float(angle_min), increment, tuple(mount)
-    )
+    beams = int(ranges.shape[-1])
+    shape = (beams, group_size, num_points, float(angle_min), increment, tuple(mount))
+    layout = scan_layout(*shape)
     ranges = as_real(ranges)
     if layout.mount[:2] != (0.0, 0.0):
         return _pool_from_center(ranges, layout, max_range, bearing)
@@ -94,7 +94,7 @@ def min_pool(
     if table is not None:  # reorder so that the beams of each bin are contiguous
         missing = ranges.new_full((*ranges.shape[:-1], 1), max_range)
         ranges = torch.cat([ranges, missing], dim=-1)[..., table]
-    directions = _directions(layout, bearing, ranges.dtype, ranges.device)
+    directions = _constant_directions(shape, bearing, ranges.dtype, ranges.device)
     if is_compiled(backend, ranges):
         return _min_pool_compiled(ranges, layout.num_bins, directions, max_range, bearing)
     cleaned = torch.where(_is_return(ranges, max_range), ranges, max_range)
@@ -164,6 +164,14 @@ def _pool_from_center(
 @functools.lru_cache(maxsize=16)
 def _flat_table(layout: ScanLayout, device: torch.device) -> Tensor:
     return layout.beams_by_bin().flatten().to(device)
+
+
+@torch.compiler.assume_constant_result  # a compiled graph does not compute it in each call
+def _constant_directions(
+    shape: tuple, bearing: Bearing, dtype: torch.dtype, device: torch.device
+) -> Tensor:
+    """Return :func:`_directions`; ``shape`` has the arguments of :func:`scan_layout`."""
+    return _directions(scan_layout(*shape), bearing, dtype, device)
 
 
 @functools.lru_cache(maxsize=16)

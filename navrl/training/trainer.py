@@ -14,7 +14,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from tqdm import tqdm
 
 from navrl.algos import Algorithm
-from navrl.progress_bar import progress_bar
+from navrl.progress_bar import RemainingTime, progress_bar, shown_time
 from navrl.training.checkpoint import (
     CheckpointStore,
     failures_saved,
@@ -97,6 +97,7 @@ class Trainer:
         self.checkpoints = CheckpointStore(self.folder / "checkpoint")
         self.progress = Progress()
         self._window = Window()
+        self._remaining = RemainingTime()
         self._ended: torch.Tensor | int = 0  # ended episodes not yet added to the counter
         self._log: MetricsLog  # made by run()
         self._signals = StopSignals()
@@ -120,7 +121,7 @@ class Trainer:
         loggers = Loggers(self.loggers, self.folder, frames, self.hparams)
         self._log = MetricsLog(self.folder, frames, rows, loggers)
         total, done = self.schedule.total_frames, self.progress.frames
-        bar = progress_bar(total, "frame", initial=done, enabled=self.progress_bar)
+        bar = progress_bar(total, "frame", initial=done, enabled=self.progress_bar, remaining=False)
         with StopSignals() as self._signals, resumable(self.folder):
             try:
                 with set_exploration_type(ExplorationType.RANDOM):
@@ -142,7 +143,7 @@ class Trainer:
     def _loop(self, bar: tqdm) -> None:
         schedule, progress = self.schedule, self.progress
         last_checkpoint = started = time.monotonic()
-        seconds_before = progress.seconds
+        seconds_before, updates_before = progress.seconds, progress.updates
         try:
             self._evaluate_if_due()  # a signal may have interrupted the last evaluation
             while schedule.share_done(progress) < 1.0:
@@ -151,6 +152,8 @@ class Trainer:
                 before = progress.updates
                 self._update(math.ceil(self._updates_due()) - progress.updates)
                 progress.seconds = seconds_before + time.monotonic() - started
+                if before == updates_before:  # frames without updates are much faster
+                    self._remaining.restart(schedule.share_done(progress))
                 if _crossed(before, progress.updates, schedule.log_every_updates):
                     self._report(bar)
                 self._evaluate_if_due()
@@ -176,8 +179,6 @@ class Trainer:
             return 0.0
         frames = self.progress.frames - self.schedule.learning_starts
         return frames / self.schedule.frames_per_update
-
-    # --- one iteration ---------------------------------------------------------------------------
 
     def _collect(self) -> int:
         """Collect and store one step of some worlds; return the number of transitions."""
@@ -215,8 +216,6 @@ class Trainer:
             window.add_updates(sums, size)
             self.progress.updates += size
 
-    # --- reports ---------------------------------------------------------------------------------
-
     def _report(self, bar: tqdm) -> None:
         window, self._window = self._window, Window()
         self._count_episodes()
@@ -228,6 +227,7 @@ class Trainer:
         }
         self._log.log(self.progress.frames, self.progress.updates, row)
         bar.set_postfix(
+            left=shown_time(self._remaining.estimate(self.schedule.share_done(self.progress))),
             success=f"{row['train/success_rate']:.0%}",
             best=f"{max(self.progress.best_success_rate, 0):.0%}",
             people=self.curriculum.max_dynamic,
@@ -270,8 +270,6 @@ class Trainer:
         with self._signals.immediate():
             file = self.video(self.progress.frames)
         self._log.log_video("evaluation/episode", file, self.progress.frames)
-
-    # --- checkpoints -----------------------------------------------------------------------------
 
     def _save(self) -> None:
         self._count_episodes()

@@ -5,10 +5,14 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
+
+
+class _Mapping(Protocol):
+    batch_size: int  # members of torch.vmap
 
 
 def is_traced() -> bool:
@@ -17,7 +21,7 @@ def is_traced() -> bool:
 
 
 def operator(outputs: Callable, shared: Sequence[str] = ()) -> Callable:
-    """Decorate a function that runs a kernel: while traced, its calls are ``torch.ops.navrl.NAME``.
+    """Turn a function that runs a kernel into ``torch.ops.navrl.NAME`` while it is traced.
 
     A compiled graph then contains the kernel as one node, and ``torch.vmap`` joins the mapped
     dimension with the rows. Eager calls run the function itself: the dispatch of an operator takes
@@ -34,14 +38,17 @@ def operator(outputs: Callable, shared: Sequence[str] = ()) -> Callable:
     """
 
     def decorate(function: Callable) -> Callable:
-        register = torch.library.custom_op(f"navrl::{function.__name__}", mutates_args=())
-        registered = register(function)
-        registered.register_fake(outputs)
+        name = f"navrl::{function.__name__}"
+        torch.library.define(name, torch.library.infer_schema(function, mutates_args=()))
+        torch.library.impl(name, ("cpu", "cuda"), function)
+        torch.library.register_fake(name, outputs)
+        registered = getattr(torch.ops.navrl, function.__name__).default
         names = list(inspect.signature(function).parameters)
-        registered.register_vmap(functools.partial(_map_rows, registered, names, shared))
+        rule = functools.partial(_map_rows, registered, names, shared)
+        torch.library.register_vmap(name, rule)
 
         @functools.wraps(function)
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any) -> Tensor | tuple[Tensor, ...]:
             return registered(*arguments) if is_traced() else function(*arguments)
 
         return call
@@ -53,11 +60,11 @@ def _map_rows(
     registered: Callable,
     names: Sequence[str],
     shared: Sequence[str],
-    info: Any,
+    info: _Mapping,
     in_dims: tuple[int | None, ...],
     *arguments: Any,
 ) -> tuple[Any, Any]:
-    """Return the results of an operator for all members of ``torch.vmap``, and their dimensions."""
+    """Return an operator's results for all members of ``torch.vmap``, and their dimensions."""
     size, joined, rows = info.batch_size, [], 0
     for name, dim, value in zip(names, in_dims, arguments, strict=True):
         if isinstance(value, Tensor) and name not in shared:
