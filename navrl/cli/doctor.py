@@ -1,4 +1,4 @@
-"""``navrl-doctor``: say what a policy would see of a bag or log."""
+"""``navrl-doctor``: say what a policy would see of a bag, a log or live topics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from navrl.cli.logs import checked_folder
 @hydra_main("doctor", argument="bag")
 def main(cfg: DictConfig) -> None:
     """Print the findings of ``cfg.bag`` and a verdict; exit with 3 if it will not work."""
-    folder = checked_folder(cfg)
+    folder = checked_folder(cfg, live=("ros1", "ros2"))
     from navrl.jobs.diagnosing import outcome, run_doctor, shown  # imports torch
 
     with missing_extras():

@@ -181,7 +181,8 @@ def _mount(facts: Checked) -> Iterator[Finding]:
     seen = f"by the motion of {guess.num_pairs} pairs of scans {_degrees(guess.yaw)}"
     if abs(off) > _YAW_RAD:
         text = f"{text}; {seen} degrees: the policy would look into another direction"
-        action = f"mount=[{x:g},{y:g},{guess.yaw:.3f}], or correct tf"
+        node = f'-p mount:="[{x:.3f}, {y:.3f}, {guess.yaw:.3f}]"'
+        action = f"'mount=[{x:g},{y:g},{guess.yaw:.3f}]' (node: {node}), or correct tf"
         yield Finding(Level.FAILURE, "mount", text, action)
     else:
         level = Level.WARNING if is_assumed else Level.OK
@@ -194,7 +195,7 @@ def _own_parts(facts: Checked) -> Iterator[Finding]:
     if sectors:
         text = f"something is within 0.4 m at {len(sectors)} bearings of the lidar in all scans"
         listed = ",".join(f"[{bearing:g},{width:g}]" for bearing, width in sectors[:12])
-        action = f"if it is the robot: scanner.blind_sectors=[{listed}]"
+        action = f"if it is the robot: 'scanner.blind_sectors=[{listed}]'"
         yield Finding(Level.WARNING, "own parts", text, action)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from navrl.config import compose, instantiate
-from navrl.deploy.bags import LogSource, open_log
+from navrl.deploy.bags import LIVE, Log, LogSource, listen, open_log
 from navrl.deploy.doctor import LogMeasures, measure_log
 from navrl.deploy.doctor_checks import diagnose
 from navrl.deploy.doctor_findings import VERDICTS, Checked, Finding, Level, verdict
@@ -40,7 +40,8 @@ def run_doctor(cfg: DictConfig, folder: Path) -> tuple[Level, list[Finding]]:
     Raises:
         ValueError: If a value is out of range or does not fit the log.
         DamagedFileError: If the log is damaged; the message has file and place.
-        ModuleNotFoundError: If it is a bag and the extra ``bags`` is not installed.
+        ModuleNotFoundError: If it is a bag and the extra ``bags`` is not installed, or ROS is not
+            sourced for live topics.
     """
     where = bundle_folder(cfg.policy)
     if where is None:
@@ -48,7 +49,7 @@ def run_doctor(cfg: DictConfig, folder: Path) -> tuple[Level, list[Finding]]:
     set_threads(cfg)
     bundle = load_bundle(where, cfg.allow)
     lidar, robot = bundle.build("lidar"), bundle.build("robot")
-    with locked(folder), closing(open_log(cfg.bag)) as log:
+    with locked(folder), closing(_opened(cfg)) as log:
         claim_folder(cfg, folder)
         source = LogSource(log, make_topics(cfg))
         mount = None if cfg.mount is None else list(cfg.mount)
@@ -66,6 +67,13 @@ def run_doctor(cfg: DictConfig, folder: Path) -> tuple[Level, list[Finding]]:
         about = {"bag": str(cfg.bag), "policy": str(cfg.policy), "verdict": VERDICTS[level]}
         write_json(folder / DIAGNOSIS, {**about, "findings": rows}, indent=2)
     return level, findings
+
+
+def _opened(cfg: DictConfig) -> Log:
+    """Return the log, after ``cfg.listen_s`` if it is one of live topics."""
+    if cfg.bag in LIVE:
+        return listen(cfg.bag, cfg.listen_s, cfg.use_sim_time)
+    return open_log(cfg.bag)
 
 
 def _write(

@@ -70,6 +70,7 @@ class Writer:
             self.types.register(get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage"))
         plugin = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
         made = Writer1(file) if self.is_ros1 else Writer2(file, version=9, storage_plugin=plugin)
+        self.file = file
         self._writer: Any = made
         self._writer.open()
         self._topics: dict[str, Any] = {}

@@ -1,7 +1,8 @@
-"""Logs of robots, read without ROS: bags of ROS 1 and ROS 2, and logs of CARMEN."""
+"""Logs of robots: bags and logs of CARMEN, read without ROS, and live topics."""
 
 from navrl.deploy.bags.carmen_log import CarmenLog
 from navrl.deploy.bags.frames import FrameTree, Placed, homogeneous
+from navrl.deploy.bags.live_topics import LIVE, LiveLog, listen
 from navrl.deploy.bags.messages import (
     FrameTransform,
     Log,
@@ -19,9 +20,11 @@ from navrl.deploy.bags.ros_log import RosLog
 from navrl.deploy.bags.sources import LogSource, Topics
 
 __all__ = [
+    "LIVE",
     "CarmenLog",
     "FrameTransform",
     "FrameTree",
+    "LiveLog",
     "Log",
     "LogSource",
     "Logged",
@@ -38,5 +41,6 @@ __all__ = [
     "choose_scans",
     "choose_topic",
     "homogeneous",
+    "listen",
     "open_log",
 ]

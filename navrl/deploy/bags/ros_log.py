@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
-import numpy as np
-
-from navrl.deploy.bags.frames import homogeneous
-from navrl.deploy.bags.messages import (
-    FrameTransform,
-    Kind,
-    Logged,
-    LoggedCommand,
-    LoggedOdometry,
-    LoggedPath,
-    LoggedPose,
-    LoggedScan,
-    LoggedTransforms,
-    Topic,
-)
-from navrl.deploy.ros_bridge import Message, planar_pose, seconds
+from navrl.deploy.bags.decoders import DECODERS
+from navrl.deploy.bags.messages import Logged, Topic
+from navrl.deploy.ros_bridge import Message
 from navrl.extras import require
 from navrl.untrusted import DamagedFileError
 
 _REMEDY = "rosbag reindex (ROS 1), ros2 bag reindex or mcap recover (ROS 2) may repair it"
 _NANOSECONDS = 1e9  # of a second
-_STATIC = "tf_static"
 _MAX_REASON = 150  # characters; rosbags quotes a whole definition
 
 
@@ -77,7 +63,7 @@ class RosLog:
                 connection, time, data = row
                 place = f"{connection.topic}, message at {time / _NANOSECONDS:.3f} s"
                 message = self._reader.deserialize(data, connection.msgtype)
-                decoded = _DECODERS[connection.msgtype][1](
+                decoded = DECODERS[connection.msgtype][1](
                     message, connection.topic, time / _NANOSECONDS
                 )
             except Exception as error:
@@ -93,7 +79,7 @@ class RosLog:
 
 
 def _topic(name: str, info: Message) -> Topic:
-    kind = _DECODERS.get(info.msgtype, (None, None))[0]
+    kind = DECODERS.get(info.msgtype, (None, None))[0]
     policies = [
         profile
         for connection in info.connections
@@ -114,75 +100,3 @@ def _topic(name: str, info: Message) -> Topic:
 def _reason(error: Exception) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     return text.rstrip(".")[:_MAX_REASON]
-
-
-# --- decoders ------------------------------------------------------------------------------------
-
-
-def _header(message: Message, topic: str, received: float) -> tuple[str, float, float, str]:
-    return topic, received, seconds(message.header.stamp), message.header.frame_id.lstrip("/")
-
-
-def _scan(message: Message, topic: str, received: float) -> LoggedScan:
-    duration = message.time_increment * (len(message.ranges) - 1)
-    return LoggedScan(
-        *_header(message, topic, received),
-        np.asarray(message.ranges, dtype=np.float64),
-        float(message.angle_min),
-        float(message.angle_increment),
-        float(message.range_min),
-        float(message.range_max),
-        float(duration) if duration > 0.0 else None,
-    )
-
-
-def _odometry(message: Message, topic: str, received: float) -> LoggedOdometry:
-    twist = message.twist.twist
-    pose = planar_pose(message.pose.pose)
-    velocity = (float(twist.linear.x), float(twist.angular.z))
-    return LoggedOdometry(*_header(message, topic, received), pose, velocity)
-
-
-def _pose(message: Message, topic: str, received: float) -> LoggedPose:
-    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-    return LoggedPose(*_header(message, topic, received), planar_pose(pose))
-
-
-def _path(message: Message, topic: str, received: float) -> LoggedPath:
-    points = [(each.pose.position.x, each.pose.position.y) for each in message.poses]
-    array = np.array(points, dtype=np.float64).reshape(-1, 2)
-    return LoggedPath(*_header(message, topic, received), array)
-
-
-def _twist(message: Message, topic: str, received: float) -> LoggedCommand:
-    command = (float(message.linear.x), float(message.angular.z))
-    return LoggedCommand(topic, received, received, "", command)
-
-
-def _stamped_twist(message: Message, topic: str, received: float) -> LoggedCommand:
-    command = (float(message.twist.linear.x), float(message.twist.angular.z))
-    return LoggedCommand(*_header(message, topic, received), command)
-
-
-def _transforms(message: Message, topic: str, received: float) -> LoggedTransforms:
-    found = []
-    for each in message.transforms:
-        place, turn = each.transform.translation, each.transform.rotation
-        matrix = homogeneous((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
-        parent, child = each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/")
-        stamp, is_static = seconds(each.header.stamp), topic.endswith(_STATIC)
-        found.append(FrameTransform(parent, child, stamp, matrix, is_static))
-    return LoggedTransforms(topic, received, received, "", tuple(found))
-
-
-_DECODERS: dict[str, tuple[Kind, Callable[[Message, str, float], Logged]]] = {
-    "sensor_msgs/msg/LaserScan": ("scan", _scan),
-    "nav_msgs/msg/Odometry": ("odometry", _odometry),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": ("pose", _pose),
-    "geometry_msgs/msg/PoseStamped": ("pose", _pose),
-    "nav_msgs/msg/Path": ("path", _path),
-    "geometry_msgs/msg/Twist": ("command", _twist),
-    "geometry_msgs/msg/TwistStamped": ("command", _stamped_twist),
-    "tf2_msgs/msg/TFMessage": ("transforms", _transforms),
-    "tf/msg/tfMessage": ("transforms", _transforms),
-}
