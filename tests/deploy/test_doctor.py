@@ -212,6 +212,22 @@ def test_warnings_fail_only_if_strict(tmp_path, monkeypatch, capsys):
     assert exit_status(f"navrl-doctor {bag} {words} strict=true hydra.run.dir=b") == 3
 
 
+@pytest.mark.parametrize("kind", ["ROBOTLASER1", "FLASER"])
+def test_carmen_log_is_checked_as_a_bag(kind, parts, tmp_path):
+    """180 beams over 180 degrees 5 Hz, the lidar 0.1 m ahead by the lines of the log."""
+    found, findings = examined(parts, made.carmen(tmp_path / "office.log", 40, kind))
+    assert found.num_scans == 40 and found.beams == {180}
+    assert found.driven_m == pytest.approx(3.9, abs=0.01) and verdict(findings) is Level.WARNING
+    assert bad(findings) == {"field of view": Level.WARNING}
+    assert "180 beams from -1.571 rad, counter-clockwise, 180 degrees" in about(
+        findings, "field of view"
+    )
+    assert "5.0 Hz, longest gap 0.20 s" in about(findings, "scan rate")
+    assert f"(0.10 m, 0.00 m, 0 degrees) from the lines of {kind}; by the motion of" in about(
+        findings, "mount"
+    )
+
+
 def test_real_recording_of_a_standing_robot(parts, tmp_path):
     """512 beams over 180 degrees, 66 % of the readings are 0, and 86 beams never return."""
     files = [folder / RECORDING for folder in (ROOT.parent, ROOT.parent.parent)]

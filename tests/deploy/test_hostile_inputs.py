@@ -13,7 +13,19 @@ from navrl.policies import ZOO
 PATH = [(0.1 * i, 0.0) for i in range(41)]  # m, straight ahead
 BEARING = -np.pi + np.arange(360) * 2 * np.pi / 360
 CORRIDOR = np.minimum(1.5 / np.maximum(np.abs(np.sin(BEARING)), 1e-9), 11.0)
-PAGE = pages.ROOT / "docs" / "robots.md"
+ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.M)
+
+
+def page_rows():
+    """Return the results that the page lists by input: of the control loop and of a file."""
+    text = (pages.ROOT / "docs" / "robots.md").read_text().partition("## Hostile inputs")[2]
+    rows = ROW.findall(text.partition("\n## ")[0])[1:]  # without the head
+    return {name: results for name, *results in rows}
+
+
+def listed_state(result):
+    """Return the state of a result, e.g. of '`ValueError`, then `stale_scan`'."""
+    return result.rpartition("then ")[2].strip("`")
 
 
 def ahead(value, degrees=10):
@@ -55,6 +67,11 @@ INPUTS = {
     "a path that is not finite or empty": lambda c, t: c.on_path([(0.0, 0.0), (np.nan, 0.0)]),
 }
 
+SECOND = {
+    "angle_increment of 0 or in degrees": lambda c, t: scan(c, t, CORRIDOR, angle_increment=0.0),
+    "a path that is not finite or empty": lambda c, t: c.on_path([]),
+}  # rows with an "or"
+
 
 @pytest.fixture(scope="module", params=["paper", "navrl-best"])
 def control(request):
@@ -77,21 +94,23 @@ def start(control, now, has_driven):
 
 
 @pytest.mark.parametrize("has_driven", [False, True])
-@pytest.mark.parametrize("name", INPUTS)
-def test_hostile_input_commands_zero_or_raises(control, name, has_driven):
+@pytest.mark.parametrize(("name", "give"), [*INPUTS.items(), *SECOND.items()])
+def test_hostile_input_commands_zero_or_raises(control, name, give, has_driven):
     now = 1000.0
     start(control, now - 0.3, has_driven)
     if "pose" in name or "yaw" in name or "path" in name:
         scan(control, now, CORRIDOR + 0.01)
     error = None
     try:
-        INPUTS[name](control, now)
+        give(control, now)
     except ValueError as raised:
         error = raised
+    result = page_rows()[name][0]
+    assert (error is not None) == ("ValueError" in result)
     for tick in (now, now + 0.05, now + 0.1):
         v, w, state = control.tick(tick)
         assert v == w == 0.0, f"{state} {error}"
-        assert state is not DriveState.DRIVE
+        assert state == listed_state(result) and state is not DriveState.DRIVE
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -103,6 +122,4 @@ def test_hostile_stamps_and_velocities_raise(control, value):
 
 
 def test_page_lists_each_hostile_input():
-    text = PAGE.read_text()
-    rows = re.findall(r"^\| ([^|]+) \| [^|]+ \|$", text.partition("## Hostile inputs")[2], re.M)
-    assert len(INPUTS) == 20 and set(INPUTS) <= set(rows)
+    assert len(INPUTS) == 20 and set(page_rows()) == set(INPUTS)
