@@ -246,7 +246,6 @@ MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "peers": _peers,
     "step": _step,
     "icp_tagd": _icp_tagd,
-    "compile": _compile,
     "growth": _growth,
     "memory": _memory,
     "update": _update,
@@ -255,6 +254,7 @@ MEASURED: dict[str, Callable[[DictConfig], Results]] = {
     "latency": _latency,
     "startup": _startup,
     "deploy": _deploy,
+    "compile": _compile,
     "gpu": _gpu,
 }
 
