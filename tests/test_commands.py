@@ -76,6 +76,7 @@ NEEDS = {
 # Run by CI itself, or no command of ours: exactly these.
 OTHERS = {
     "python -m build",  # docs/releasing.md: tests/test_packaging.py builds and lists the wheel
+    "NAVRL_REPOSITORY_URL=",
     "python -m zipfile",
     "python -m pytest --run-slow",
     "python3 -m venv smoke",

@@ -102,7 +102,9 @@ def test_bag_without_scans_lists_its_topics(tmp_path):
     writer = made.Writer(tmp_path / "bag", "mcap")
     writer.odometry(made.START_S, (0.0, 0.0, 0.0), 0.0, 0.0)
     writer.close()
-    with pytest.raises(ValueError, match=r"LaserScan, has /odom \(nav_msgs/msg/Odometry\)"):
+    with pytest.raises(
+        ValueError, match=r"LaserScan, has /odom \(nav_msgs/msg/Odometry, messages: 1\)"
+    ):
         LogSource(open_log(tmp_path / "bag"), Topics())
 
 

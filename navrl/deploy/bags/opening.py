@@ -89,7 +89,7 @@ def choose_scans(log: Log, name: str | None = None) -> str:
     """
     topic = choose_topic(log, "scan", name)
     if topic is None:
-        listed = (f"{t.name} ({t.type_name}, {t.count} messages)" for t in log.topics.values())
+        listed = (f"{t.name} ({t.type_name}, messages: {t.count})" for t in log.topics.values())
         found = ", ".join(listed) or "nothing"
         raise ValueError(f"{log.file}: must have {_NAMES['scan']}, has {found}")
     return topic
