@@ -36,7 +36,7 @@ def drive(robot, *parameters, send=Robot.send_path, **arguments):
 
 def finish(process):
     process.send_signal(signal.SIGINT)
-    assert process.wait(10) == 0, process.stderr.read()
+    assert process.wait(60) == 0, process.stderr.read()
 
 
 def test_node_arrives_and_stops_at_the_goal(robot):
