@@ -29,6 +29,7 @@ from navrl.worlds.places.occupancy_map import planar_yaw
 
 _STOP_MESSAGES = 5  # best-effort links lose some
 _STOP_PAUSE_S = 0.02
+_WAIT_S = 0.1
 
 
 class PolicyNode:
@@ -263,6 +264,16 @@ class PolicyNode:
         publisher.publish(message)
 
 
+def _spin(node: Message) -> None:
+    """Run callbacks until a signal, which is noticed while ``/clock`` rests, too."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while True:
+        executor.spin_once(timeout_sec=_WAIT_S)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; zero is published at the end, also of an exception."""
     import rclpy
@@ -276,7 +287,7 @@ def main(arguments: list[str] | None = None) -> int:
     policy = None
     try:
         policy = PolicyNode(node)
-        rclpy.spin(node)
+        _spin(node)
     except KeyboardInterrupt:
         return 0
     except ValueError as error:
