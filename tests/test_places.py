@@ -21,10 +21,10 @@ def test_printed_commands_run_in_order(tmp_path, monkeypatch):
     for code in pages.blocks(PAGE, "python"):
         exec(compile(code, PAGE.name, "exec"), {"__name__": "snippet"})
     commands = pages.commands(PAGE)
-    assert len(commands) == 6
-    for command in commands:
+    assert len(commands) == 8
+    for number, command in enumerate(commands):
         tiny = TINY if command.startswith("navrl-evaluate") else ()
-        own = () if "run.dir" in command or not tiny else ("hydra.run.dir=recovered",)
+        own = () if "run.dir" in command or not tiny else (f"hydra.run.dir=run_{number}",)
         pages.run(command, *tiny, *own)
     summary = json.loads(Path("outputs/evaluate/places/paper/summary.json").read_text())
     assert (summary["episodes"], summary["errors"]) == (4, 0)

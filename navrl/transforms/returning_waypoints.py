@@ -34,8 +34,8 @@ class ReturningWaypoints(Waypoints):
     trail of the robot since the path was last in sight: a point where no trail point is within
     ``reach``; reaching an older point removes the newer ones. If all waypoints of the path have
     been hidden by returns of the scan for ``patience``, the waypoints follow the trail back and go
-    on along the path. A robot within ``min_distance`` of the first one is at the path, whatever
-    hides it: pedestrians on the path are no reason to turn back.
+    on along the path. A robot within ``min_distance`` of the first one is at the path, also
+    if something hides it: pedestrians on the path are no reason to turn back.
 
     Args:
         num_waypoints: See :class:`Waypoints`, as ``spacing``, ``include_closest``, ``ahead`` and

@@ -65,6 +65,6 @@ def test_hostile_input_of_a_file_gives_zero_or_raises(name, has_driven, paper):
     assert paper.drive_state == listed_state(result)
 
 
-def test_page_says_which_inputs_a_file_has():
+def test_page_lists_the_inputs_of_a_file():
     of_files = {name for name, results in page_rows().items() if results[1] != NO_INPUT}
     assert of_files == set(INPUTS)

@@ -201,7 +201,7 @@ def _not_sourced(name: str, remedy: str, error: ImportError) -> ModuleNotFoundEr
     return ModuleNotFoundError(f"live topics: must have {name} ({error}); {remedy}", name=name)
 
 
-def _message_class(kind: str) -> Any:
+def _message_class(kind: str) -> type | None:
     """Return the class of a type; None if its package is not installed."""
     package, _, name = kind.split("/")
     try:
