@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -264,30 +265,29 @@ class PolicyNode:
         publisher.publish(message)
 
 
-def _spin(node: Message) -> None:
-    """Run callbacks until a signal, which is noticed while ``/clock`` rests, too."""
-    from rclpy.executors import SingleThreadedExecutor
-
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while True:
-        executor.spin_once(timeout_sec=_WAIT_S)
+def _end_if(stopping: threading.Event) -> None:
+    if stopping.is_set():
+        raise KeyboardInterrupt
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; zero is published at the end, also of an exception."""
     import rclpy
+    from rclpy.clock import Clock, ClockType
     from rclpy.signals import SignalHandlerOptions
 
     # rclpy's own handler shuts the context down before the last zero could be published
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    stopping = threading.Event()  # an exception of the handler could be ignored where it is raised
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
     node = rclpy.create_node("navrl")
     policy = None
     try:
         policy = PolicyNode(node)
-        _spin(node)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # runs while /clock rests, too
+        node.create_timer(_WAIT_S, lambda: _end_if(stopping), clock=steady)
+        rclpy.spin(node)
     except KeyboardInterrupt:
         return 0
     except ValueError as error:
