@@ -61,7 +61,8 @@ class RestrictedPolicy:
     """Pass a policy the keys that it declares, or all but the true state, and its last action.
 
     So that what a table says of it holds. Other attributes are those of the policy. What it returns
-    is added to the observation, which it cannot change.
+    is added to the observation, which it cannot change; entries that it added itself, such as a
+    hidden state, it may replace at later steps.
 
     Args:
         policy: Maps a TensorDict to one with ``action [N, C]``. If it is privileged, every key is
@@ -76,6 +77,7 @@ class RestrictedPolicy:
             renamed = [RENAMED_INPUTS[key] for key in declared if key in RENAMED_INPUTS]
             self._keys = [*declared, *renamed, keys.ACTION]
         self._hidden = () if is_privileged(policy) else SOURCES["true state"]
+        self._own = {keys.ACTION}  # entries that the policy has added
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action, and further keys that the policy adds.
@@ -91,8 +93,10 @@ class RestrictedPolicy:
         if not isinstance(decided, TensorDictBase) or decided.get(keys.ACTION, None) is None:
             found = type(decided).__name__
             raise ValueError(f"policy: must return a TensorDict with 'action', got {found}")
-        known = [key for key in list(tensordict.keys()) if key != keys.ACTION]
-        return tensordict.update(decided.exclude(*known))
+        known = set(tensordict.keys()) - self._own
+        added = decided.exclude(*known)
+        self._own.update(added.keys())
+        return tensordict.update(added)
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._policy, name)

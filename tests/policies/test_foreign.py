@@ -168,6 +168,22 @@ def test_policy_is_passed_its_declared_keys():
     assert policy.seen == {"ranges", "memory", "action"}  # a key of its own is carried
 
 
+class Counting:
+    in_keys = ("memory",)
+
+    def __call__(self, tensordict):
+        memory = tensordict.get("memory", torch.zeros(1, 1)) + 1
+        return TensorDict({"memory": memory, "pose": 0 * memory, "action": memory}, [1])
+
+
+def test_policy_replaces_its_own_entries_only():
+    policy, step = RestrictedPolicy(Counting()), observation()
+    for number in range(1, 4):
+        step = policy(step)
+        assert step["memory"].item() == number
+    assert step["pose"].tolist() == [[1.0] * 3]
+
+
 def test_true_state_is_withheld_from_policies_without_keys():
     policy = Undeclared()
     RestrictedPolicy(policy)(observation())
