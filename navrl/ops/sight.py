@@ -13,7 +13,7 @@ def is_hidden(
 
     Args:
         target: ``[*B, 2]`` m, in the frame of the points, whose origin is the sensor.
-        points: ``[*B, N, 2]`` m.
+        points: ``[*B, N, 2]`` m; its batch is broadcast with that of the targets.
         returns: ``[*B, N]`` bool; other points are ignored.
         width: A return hides the target if it is nearer to the line than this, m.
         tolerance: Returns this close to the target, or behind it, do not hide it, m.

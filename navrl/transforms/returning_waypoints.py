@@ -116,24 +116,29 @@ class ReturningWaypoints(Waypoints):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         progress, trail, state = (read(self, tensordict, key) for key in self.out_keys[1:])
-        progress = self._project(next_tensordict, progress.squeeze(-1))
-        self._follow(next_tensordict, progress, trail, state)
-        return self._write_points(next_tensordict, progress)
+        return self._advance(next_tensordict, progress.squeeze(-1), trail, state)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Search the whole path and start a trail, as after a reset."""
-        progress = self._project(next_tensordict, None)
-        empty = progress.new_zeros(*progress.shape[:-1], self.num_trail_points, 2)
-        self._follow(next_tensordict, progress, empty, empty[..., 0, :])
-        return self._write_points(next_tensordict, progress)
+        pose, _ = self._world(next_tensordict)
+        empty = pose.new_zeros(*pose.shape[:-1], self.num_trail_points, 2, dtype=torch.float32)
+        return self._advance(next_tensordict, None, empty, empty[..., 0, :])
+
+    def _advance(
+        self, tensordict: TensorDictBase, previous: Tensor | None, trail: Tensor, state: Tensor
+    ) -> TensorDictBase:
+        """Write the outputs of a step, given the progress, trail and state before it."""
+        onward = self._ahead(tensordict, self._project(tensordict, previous))
+        self._follow(tensordict, onward, trail, state)
+        return self._choose(tensordict, onward)
 
     def _follow(
-        self, tensordict: TensorDictBase, progress: Tensor, trail: Tensor, state: Tensor
+        self, tensordict: TensorDictBase, onward: Tensor, trail: Tensor, state: Tensor
     ) -> None:
         """Write the trail and its state after a step."""
         pose, path = self._world(tensordict)
         position = (pose[..., :2] - path[..., 0, :]).float()
-        hidden = self._is_path_hidden(tensordict, progress)
+        hidden = self._is_path_hidden(tensordict, onward)
         count = torch.where(hidden, state[..., 0], 0.0)
         time = torch.where(hidden, state[..., 1] + self.time_step, 0.0)
         slots = torch.arange(self.num_trail_points, device=trail.device)
@@ -147,19 +152,18 @@ class ReturningWaypoints(Waypoints):
         tensordict.set(self.out_keys[2], trail)
         tensordict.set(self.out_keys[3], torch.stack([count, time], dim=-1))
 
-    def _is_path_hidden(self, tensordict: TensorDictBase, progress: Tensor) -> Tensor:
-        """Return whether all waypoints of the path are out of sight, ``[*B]`` bool."""
+    def _is_path_hidden(self, tensordict: TensorDictBase, onward: Tensor) -> Tensor:
+        """Return whether all waypoints ``onward`` are out of sight, ``[*B]`` bool."""
         points, returns = (read(self, tensordict, key) for key in self.in_keys[2:])
-        pose, path = self._world(tensordict)
-        ahead = point_at(path, progress + self._offsets(progress))
-        ahead = se2.transform_points(se2.inverse(pose), ahead).float()
-        is_far = torch.linalg.vector_norm(ahead[..., 0, :], dim=-1) > self.min_distance
-        return is_far & is_hidden(ahead, points.unsqueeze(-3), returns.unsqueeze(-2)).all(-1)
+        is_far = torch.linalg.vector_norm(onward[..., 0, :], dim=-1) > self.min_distance
+        return is_far & is_hidden(onward, points.unsqueeze(-3), returns.unsqueeze(-2)).all(-1)
 
     def _write_points(self, tensordict: TensorDictBase, progress: Tensor) -> TensorDictBase:
+        """Write the waypoints of stored progress and trail."""
+        return self._choose(tensordict, self._ahead(tensordict, progress))
+
+    def _choose(self, tensordict: TensorDictBase, onward: Tensor) -> TensorDictBase:
         """Write the waypoints, those of the trail where the path has been out of sight."""
-        super()._write_points(tensordict, progress)
-        onward = tensordict.get(self.out_keys[0])
         count, time = read(self, tensordict, self.out_keys[3]).unbind(-1)
         back = self._way_back(tensordict, onward, count)
         goes_back = has_stalled(time, self.patience, self.time_step) & (count > 1)

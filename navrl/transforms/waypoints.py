@@ -154,10 +154,13 @@ class Waypoints(Transform):
 
     def _write_points(self, tensordict: TensorDictBase, progress: Tensor) -> TensorDictBase:
         """Write the waypoints ahead of ``progress [*B, 1]``."""
+        return tensordict.set(self.out_keys[0], self._ahead(tensordict, progress))
+
+    def _ahead(self, tensordict: TensorDictBase, progress: Tensor) -> Tensor:
+        """Return the next points of the path in the robot frame, ``[*B, N_f, 2]`` m."""
         pose, path = self._world(tensordict)
         points_world = point_at(path, progress + self._offsets(progress))
-        points = se2.transform_points(se2.inverse(pose), points_world)
-        return tensordict.set(self.out_keys[0], points.float())
+        return se2.transform_points(se2.inverse(pose), points_world).float()
 
     def _offsets(self, progress: Tensor) -> Tensor:
         """Return the arc lengths from the projection to the waypoints, ``[N_f]`` m."""
