@@ -92,11 +92,26 @@ def test_waypoints_lead_back_once_the_path_is_hidden():
 
 def test_way_back_ends_at_the_path():
     back = [(x / 10, 5) for x in range(50, 22, -2)]
-    driven = drive([*PAST_THE_BEND, *back])
-    counts = [step[keys.TRAIL_STATE][0, 0].item() for step in driven[len(PAST_THE_BEND) :]]
+    driven = drive([*PAST_THE_BEND, *back])[len(PAST_THE_BEND) :]
+    counts = [step[keys.TRAIL_STATE][0, 0].item() for step in driven]
     assert counts == sorted(counts, reverse=True)
+    assert len(set(counts)) > 5  # reached points are removed on the way
+    for step in driven[:-3]:  # then the first point is reached
+        assert first_waypoint(step) == [pytest.approx(step[keys.POSE][0, 0].item() - 0.3), 0.0]
     assert counts[-1] == 1.0
     assert first_waypoint(driven[-1]) == [2.0, 0.3]
+
+
+def test_way_back_starts_after_the_point_that_is_reached():
+    past = [(x / 10, 5 * (x > 24)) for x in range(3, 52, 3)]  # points of the trail at 4.2 and 4.8 m
+    last = drive([*past, (4.95, 5), (4.65, 5)])[-1]
+    assert first_waypoint(last) == [pytest.approx(4.35), 0.0]
+
+
+def test_robot_where_the_path_was_last_seen_does_not_turn_back():
+    last = drive([(2.8, 0), (3.0, 0), *[(3.2, 5)] * 5])[-1]
+    assert last[keys.TRAIL_STATE][0].tolist() == pytest.approx([1.0, 1.0])
+    assert first_waypoint(last) == [2.0, 0.3]
 
 
 def test_waypoints_follow_the_path_as_soon_as_it_is_seen_again():
