@@ -20,7 +20,7 @@ NAME = "robustness"
 NOMINAL = "nominal"
 """Name of the perturbation that the others are compared with."""
 
-KINDS = (NOMINAL, "time", "base", "lidar", "localization", "robot")
+KINDS = (NOMINAL, "time", "base", "lidar", "localization", "robot", "scanner")
 """Kinds of perturbations in the order of the rows; others follow."""
 
 _COLUMNS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
@@ -12,11 +13,12 @@ from navrl.factory.values import flat_values
 UNPERTURBED = "none"
 """Name of the option without any perturbation."""
 
-_REPLACED = ("robot", "lidar")
+_REPLACED = ("robot", "lidar", "transforms")
+_LAYOUT = ("num_beams", "angle_min", "angle_increment", "mount")
 
 
 def perturbed_parts(cfg: DictConfig) -> dict[str, Any]:
-    """Return the values of robot and lidar that replace those of the policy.
+    """Return the values of robot, lidar and transforms that replace those of the policy.
 
     Args:
         cfg: A composed configuration; without ``perturbation`` nothing is replaced.
@@ -30,6 +32,29 @@ def perturbed_parts(cfg: DictConfig) -> dict[str, Any]:
         part: cast(dict, OmegaConf.to_container(values, resolve=False))
         for part, values in parts.items()
     }
+
+
+def with_policy_beams(parts: Mapping[str, Any], perturbed: dict[str, Any]) -> dict[str, Any]:
+    """Return ``perturbed``; its ScanAdapter, if any, resamples to the beams of the policy's lidar.
+
+    Args:
+        parts: Nodes of the policy, with its ``lidar`` and ``transforms``.
+        perturbed: Result of :func:`perturbed_parts`.
+    """
+    steps = perturbed.get("transforms", {})
+    if "scan_adapter" not in steps:
+        return perturbed
+    lidar = parts["lidar"]
+    layout = {name: lidar[name] for name in _LAYOUT if name in lidar}  # others as by default
+    own = {  # a controller's steps refer to the lidar that is replaced
+        name: {key: value for key, value in layout.items() if key in step}
+        for name, step in parts["transforms"].items()
+        if isinstance(step, Mapping)
+    }
+    own = {name: values for name, values in own.items() if values}
+    adapter = {**steps["scan_adapter"], **layout, "max_range": lidar["max_range"]}
+    adapter["scanner"] = {**adapter["scanner"], "mount": layout.get("mount", (0.0, 0.0, 0.0))}
+    return {**perturbed, "transforms": {**own, **steps, "scan_adapter": adapter}}
 
 
 def perturbation_summary(cfg: DictConfig) -> dict[str, dict[str, str]]:

@@ -19,7 +19,7 @@ from navrl.envs.transformed import base_env
 from navrl.evaluation.rollout import check_known_future
 from navrl.factory.environment import make_device, make_env, make_navigation_env
 from navrl.factory.overrides import PARTS, check_policy
-from navrl.factory.perturbation import perturbed_parts
+from navrl.factory.perturbation import perturbed_parts, with_policy_beams
 from navrl.factory.policy_names import check_policy_name
 from navrl.factory.values import flat_values
 from navrl.policies import load_bundle
@@ -203,7 +203,8 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
 def _modified(cfg: DictConfig, parts: Mapping[str, Any]) -> DictConfig | ListConfig:
     """Return the parts modified by ``cfg.perturbation``, then by ``cfg.change``."""
     change = renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
-    return _merged(cast(DictConfig, _merged(parts, perturbed_parts(cfg))), change)
+    perturbed = with_policy_beams(parts, perturbed_parts(cfg))
+    return _merged(cast(DictConfig, _merged(parts, perturbed)), change)
 
 
 def _merged(parts: Mapping[str, Any], change: Mapping[str, Any]) -> DictConfig | ListConfig:

@@ -15,6 +15,7 @@ from navrl.ops.beams import Bearing
 from navrl.ops.pooling import check_pooling, min_pool
 from navrl.ops.scan_layout import ScanLayout, check_layout, scan_layout
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec
+from navrl.transforms.scan_adapter import ScanAdapter
 
 if TYPE_CHECKING:
     from navrl.sim import Lidar
@@ -154,6 +155,8 @@ class MinPool(ObservationMap):
 def check_lidar(transforms: Transform, lidar: Lidar) -> None:
     """Check that poolings of raw scans assume the mount and the angles of the lidar.
 
+    After a :class:`ScanAdapter` those are the mount and the angles to which it resamples.
+
     Args:
         transforms: A pipeline, or one step of it.
         lidar: The lidar whose scans are pooled.
@@ -161,25 +164,31 @@ def check_lidar(transforms: Transform, lidar: Lidar) -> None:
     Raises:
         ValueError: If a pooling assumes others, so that its points would be off.
     """
-    for pool in _poolings(transforms):
-        if keys.RANGES not in pool.in_keys:
-            continue
-        for name in ("mount", "angle_min", "angle_increment"):
-            own, assumed = getattr(lidar, name), getattr(pool, name)
-            if own != assumed:
-                raise ValueError(
-                    f"lidar.{name}={_shown(own)}: must be the {name} of MinPool, which is "
-                    f"{_shown(assumed)}: set both, transforms.min_pool.{name} too"
-                )
+    pooled: Lidar | ScanLayout = lidar
+    for step in _readers(transforms):
+        if isinstance(step, ScanAdapter):
+            pooled = step.target
+        elif keys.RANGES in step.in_keys:
+            _check_pooling(step, pooled)
+
+
+def _check_pooling(pool: MinPool, lidar: Lidar | ScanLayout) -> None:
+    for name in ("mount", "angle_min", "angle_increment"):
+        own, assumed = getattr(lidar, name), getattr(pool, name)
+        if own != assumed:
+            raise ValueError(
+                f"lidar.{name}={_shown(own)}: must be the {name} of MinPool, which is "
+                f"{_shown(assumed)}: set both, transforms.min_pool.{name} too"
+            )
 
 
 def _shown(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _poolings(transforms: Transform) -> Iterator[MinPool]:
-    if isinstance(transforms, MinPool):
+def _readers(transforms: Transform) -> Iterator[MinPool | ScanAdapter]:
+    if isinstance(transforms, (MinPool, ScanAdapter)):
         yield transforms
     elif isinstance(transforms, Compose):
         for step in transforms:
-            yield from _poolings(step)
+            yield from _readers(step)

@@ -7,6 +7,9 @@ from torchrl.envs import Compose, Transform
 from navrl.transforms.action_shield import ActionShield
 from navrl.transforms.command_rate_limit import CommandRateLimit
 
+BEFORE_ALL = ("scan_adapter",)
+"""Names of steps that come first, wherever they are added: the others read their scans."""
+
 AFTER_POOLING = ("motion_prediction", "motion_compensation", "full_range", "pose_history")
 """Names of steps that follow ``min_pool``, in this order, wherever they are added."""
 
@@ -47,7 +50,9 @@ def compose(**steps: Transform | None) -> Compose:
 
 
 def _ordered(names: list[str]) -> list[str]:
-    """Return the names with those of :data:`AFTER_POOLING` after the pooling."""
+    """Return the names with :data:`BEFORE_ALL` first, :data:`AFTER_POOLING` after the pooling."""
+    first = [name for name in BEFORE_ALL if name in names]
+    names = first + [name for name in names if name not in first]
     if "min_pool" not in names:
         return names
     moved = [name for name in AFTER_POOLING if name in names]

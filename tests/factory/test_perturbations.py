@@ -41,6 +41,7 @@ def test_unperturbed_configuration_has_no_effect():
         "about": "unperturbed",
         "robot": {},
         "lidar": {},
+        "transforms": {},
     }
     assert perturbed_parts(cfg) == {} and perturbation_summary(cfg) == {}
     nominal = compose("evaluate", ["perturbation=nominal"])
@@ -160,10 +161,12 @@ def test_misspelt_perturbation_gets_the_nearest_name():
     assert "scan_01" in nearest_names(line, "evaluate")
 
 
-def test_sweep_and_page_list_each_perturbation():
-    sweep = yaml.safe_load((CONF_DIR / "sweep" / "robustness.yaml").read_text())
-    swept = sweep["hydra"]["sweeper"]["params"]["perturbation"].split(",")
-    assert sorted(swept) == sorted(set(NAMES) - {"none"})
+def test_sweeps_and_page_list_each_perturbation():
+    files = [CONF_DIR / "sweep" / f"{name}.yaml" for name in ("robustness", "scanners")]
+    sweeps = [yaml.safe_load(file.read_text()) for file in files]
+    params = [sweep["hydra"]["sweeper"]["params"]["perturbation"] for sweep in sweeps]
+    swept = ",".join(params).split(",")
+    assert sorted(swept) == sorted([*set(NAMES) - {"none"}, "nominal"])  # nominal in both
     page = (
         (ROOT / "docs" / "robustness.md")
         .read_text()

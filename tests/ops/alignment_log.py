@@ -1,8 +1,9 @@
-"""Print the share of right alignments on the log of a robot, by option and range.
+"""Print the share of right alignments on the log of a robot, and how well the quality tells them.
 
 Run ``python tests/ops/alignment_log.py LOG``, e.g. on a CARMEN log with corrected poses. A pair of
 successive scans is right within 0.1 m and 2 deg of the poses, and moving beyond 0.05 m or 2 deg.
-Such a log has no odometry besides; the prior is the motion of the poses with noise.
+Such a log has no odometry besides; the prior is the motion of the poses with noise. The last column
+is the area under the ROC curve of the quality for alignments that are off by more than 0.1 m.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from navrl.deploy.bags import LoggedPose, LoggedScan, LogSource, Topics, open_lo
 from navrl.deploy.doctor import scan_layout
 from navrl.ops import se2
 from navrl.ops.icp import align
-from navrl.ops.icp_options import PAPER, ROBUST
-from navrl.ops.icp_quality import align_from_prior
+from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
+from navrl.ops.icp_quality import align_from_prior, alignment_quality
 from navrl.ops.scanner import Scanner
 from navrl.sim import Lidar
 from navrl.transforms import MinPool
@@ -49,6 +50,23 @@ def read(file: str) -> tuple[Tensor, Tensor, Tensor]:
     return tuple(torch.tensor(np.array(values)) for values in (stamps, poses, ranges))
 
 
+def quality_score(transform: Tensor, scans: tuple[Tensor, ...], options: IcpOptions) -> Tensor:
+    """Return ``[N]``, 1 at the thresholds of ``converged=quality``, less for a worse alignment."""
+    found = alignment_quality(transform, *scans, options)
+    parts = (
+        found.inlier_share / 0.8,
+        0.035 / found.rms.clamp_min(1e-4),
+        found.eigenvalues[:, 0] / 0.1,
+    )
+    return torch.stack(parts).amin(0)
+
+
+def area_under_curve(score: Tensor, is_wrong: Tensor) -> float:
+    """Return the probability that a wrong alignment has a lower score than a right one."""
+    wrong, right = score[is_wrong, None], score[~is_wrong]
+    return float(((wrong < right).float() + 0.5 * (wrong == right)).mean())
+
+
 def main(file: str) -> None:
     """Print the rows of a Markdown table."""
     stamps, poses, ranges = read(file)
@@ -62,15 +80,18 @@ def main(file: str) -> None:
     for reach in RANGES_M:
         _, points, returns = MinPool(max_range=reach)(ranges=ranges.float().clamp(max=reach))
         scans = (points[pairs], returns[pairs], points[after], returns[after])
-        for name, found in (
-            ("paper", align(*scans, PAPER)),
-            ("robust", align(*scans, ROBUST)),
-            ("robust, prior that holds", align_from_prior(odometry, *scans, ROBUST)),
+        for name, options, found in (
+            ("paper", PAPER, align(*scans, PAPER)),
+            ("robust", ROBUST, align(*scans, ROBUST)),
+            ("robust, prior that holds", ROBUST, align_from_prior(odometry, *scans, ROBUST)),
         ):
             position = (found.transform[:, :2] - moved[:, :2]).norm(dim=-1)
             turn = se2.wrap_angle(found.transform[:, 2] - moved[:, 2]).abs()
             is_right = (position <= 0.1) & (turn <= np.radians(2.0))
-            print(f"| {name} | {reach:g} | {100.0 * float(is_right.float().mean()):.1f} |")
+            score = quality_score(found.transform, scans, options)
+            area = area_under_curve(score, position > 0.1)
+            share = 100.0 * float(is_right.float().mean())
+            print(f"| {name} | {reach:g} | {share:.1f} | {area:.2f} |")
 
 
 if __name__ == "__main__":

@@ -5,11 +5,13 @@ from lidar_envs import RoomEnv
 from tensordict import TensorDict
 from torchrl.envs import TransformedEnv
 
+from navrl.ops.scanner import Scanner
 from navrl.transforms import (
     TAGD,
     ActionShield,
     ICPAlign,
     MinPool,
+    ScanAdapter,
     ScanHistory,
     SubgoalAction,
     compose,
@@ -67,3 +69,8 @@ def test_shield_reads_keys_of_steps_listed_after_it():
 def test_order_without_a_shield_is_the_given_one():
     chain = compose(subgoal=SubgoalAction(), pool=MinPool())
     assert [type(step) for step in chain] == [SubgoalAction, MinPool]
+
+
+def test_scan_adapter_comes_first():
+    chain = compose(pool=MinPool(), scan_adapter=ScanAdapter(Scanner(num_beams=360)))
+    assert [type(step) for step in chain] == [ScanAdapter, MinPool]

@@ -1,0 +1,79 @@
+"""A policy is evaluated with the beams of another lidar, resampled to its own."""
+
+import math
+
+import pytest
+import torch
+
+from navrl.config import compose, instantiate, options
+from navrl.envs.transformed import base_env
+from navrl.evaluation.robustness import KINDS
+from navrl.factory import make_evaluated_policy
+from navrl.factory.perturbation import perturbation_summary
+from navrl.transforms import ScanAdapter
+from navrl.worlds import ScenarioBatch
+
+SCANNERS = sorted(set(options("scanner")) - {"any"})
+TINY = ["suite=smoke", "suite.num_episodes=2", "num_worlds=2", "num_threads=1"]
+NOISELESS = "+change.lidar.noise=none"
+
+
+def evaluated(policy, name, *overrides):
+    cfg = compose("evaluate", [*TINY, f"policy={policy}", f"perturbation={name}", *overrides])
+    return make_evaluated_policy(cfg).env
+
+
+def first_observation(env):
+    suite = instantiate(compose("evaluate", ["suite=smoke"]).suite)
+    base_env(env).set_scenarios(ScenarioBatch.pack(suite.scenarios([0, 1])))
+    return env.reset()
+
+
+def test_each_scanner_is_a_perturbation():
+    assert set(SCANNERS) <= set(options("perturbation"))
+    summary = perturbation_summary(compose("evaluate", ["perturbation=ld14"]))["perturbation"]
+    assert summary["kind"] == "scanner" == KINDS[-1]
+
+
+@pytest.mark.parametrize("name", SCANNERS)
+def test_lidar_has_the_beams_of_the_scanner(name):
+    env = evaluated("paper", name)
+    scanner = instantiate(compose("export", [f"+scanner={name}"]).scanner)
+    lidar = base_env(env).simulator.lidar
+    assert (lidar.num_beams, lidar.angle_min) == (scanner.num_beams, scanner.angle_min)
+    assert lidar.angle_increment == scanner.angle_increment
+    assert isinstance(env.transform[0], ScanAdapter) and env.transform[0].scanner == scanner
+
+
+@pytest.mark.parametrize("name", SCANNERS)
+@pytest.mark.parametrize("policy", ["paper", "dwa"])
+def test_walls_are_where_the_own_lidar_sees_them(policy, name):
+    own = first_observation(evaluated(policy, "nominal", NOISELESS))["ranges_pooled"]
+    seen = first_observation(evaluated(policy, name, NOISELESS))["ranges_pooled"]
+    bearing = (torch.arange(180) + 0.5) * math.pi / 90 - math.pi / 1440
+    bearing = torch.remainder(bearing + math.pi, 2 * math.pi) - math.pi
+    view = {"urg_04lx": 240, "utm_30lx": 270, "tim571": 270}.get(name, 360)
+    inside = bearing.abs() < math.radians(view / 2 - 2)
+    outside = bearing.abs() > math.radians(view / 2 + 2)
+    assert own.shape == seen.shape == (2, 180)
+    # A coarse lidar meets another point of a wall seen at a flat angle, and edges in other bins.
+    assert ((own - seen)[:, inside].abs() < 0.1).float().mean() > 0.9
+    assert (seen[:, outside] == 3.5).all()
+
+
+def test_beams_are_those_of_the_policys_own_lidar():
+    adapter = evaluated("perez_darpino", "rplidar_a1").transform[0]
+    assert adapter.target.num_beams == 1536
+
+
+def test_mount_of_the_policys_lidar_is_that_of_the_scanner():
+    env = evaluated("pure_pursuit", "rplidar_a1", "lidar.mount=[0.1,0.0,3.0]")
+    adapter = env.transform[0]
+    assert base_env(env).simulator.lidar.mount == (0.1, 0.0, 3.0)
+    assert tuple(adapter.scanner.mount) == (0.1, 0.0, 3.0) == adapter.target.mount
+
+
+def test_pooling_after_an_adapter_must_have_its_angles():
+    wrong = "+change.transforms.scan_adapter.angle_min=1.0"
+    with pytest.raises(ValueError, match=r"lidar.angle_min=1.0: must be the angle_min of MinPool"):
+        evaluated("paper", "rplidar_a1", wrong)
