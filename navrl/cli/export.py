@@ -1,4 +1,4 @@
-"""``navrl-export``: write one ONNX file that maps a scan to a command."""
+"""``navrl-export``: write one ONNX file that maps a scan to a command, or a changed bundle."""
 
 from __future__ import annotations
 
@@ -20,10 +20,28 @@ def main(cfg: DictConfig) -> None:
     """Export ``cfg.policy``."""
     check_start(cfg)
     factory.set_threads(cfg)
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    name = Path(cfg.policy).name
+    if cfg.format == "bundle":
+        _export_bundle(cfg, folder / name if cfg.output is None else Path(cfg.output))
+    elif cfg.format == "onnx":
+        _export_onnx(cfg, folder / f"{name}.onnx" if cfg.output is None else Path(cfg.output))
+    else:
+        raise ValueError(f"format={cfg.format}: must be onnx or bundle")
+
+
+def _export_bundle(cfg: DictConfig, folder: Path) -> None:
+    from navrl.jobs.changed_bundle import export_bundle  # imports torch
+
+    if cfg.network_only:
+        raise ValueError("network_only=true: must be false for format=bundle")
+    export_bundle(cfg, folder)
+    log.info("%s: policy=%s has these settings; it has no scores yet", folder, folder)
+
+
+def _export_onnx(cfg: DictConfig, file: Path) -> None:
     from navrl.jobs.exporting import export  # imports torch
 
-    folder = Path(HydraConfig.get().runtime.output_dir)
-    file = folder / f"{Path(cfg.policy).name}.onnx" if cfg.output is None else Path(cfg.output)
     with missing_extras():
         error = export(cfg, file)
     size = file.stat().st_size / 1e6

@@ -35,7 +35,7 @@ def perturbed_parts(cfg: DictConfig) -> dict[str, Any]:
 
 
 def with_policy_beams(parts: Mapping[str, Any], perturbed: dict[str, Any]) -> dict[str, Any]:
-    """Return ``perturbed``; its ScanAdapter, if any, resamples to the beams of the policy's lidar.
+    """Return ``perturbed`` with the beams of the policy as those of a ScanAdapter, if any.
 
     Args:
         parts: Nodes of the policy, with its ``lidar`` and ``transforms``.

@@ -71,7 +71,10 @@ def test_help_lists_inherited_groups_and_keys(command, monkeypatch, capsys):
             "evaluate",
             "latency=0                       episodes replayed one at a time on one thread",
         ),
-        ("evaluate", "sweep=null                      density, elsewhere, robustness, speed"),
+        (
+            "evaluate",
+            "sweep=null                      density, elsewhere, robustness, scanners, speed",
+        ),
         ("train", "sweep=null                      ablation, baselines, seeds"),
         ("train", "validation.seed=1_000_003       seed of its scenarios"),
         ("train", "hydra.run.dir=FOLDER            folder of the results; outputs/train/TIME if"),
