@@ -60,7 +60,7 @@ def test_perturbed_robot_is_that_of_the_bundle(tmp_path):
     assert load_bundle(tmp_path / "slow").build("robot").command_limits[1][0] == 0.22
 
 
-def test_controller_or_existing_folder_is_refused(changed):
+def test_controllers_and_existing_folders_raise_errors(changed):
     with pytest.raises(ValueError, match="mine: must not exist"):
         export_bundle(config(), changed)
     with pytest.raises(ValueError, match="policy=dwa: must be a bundle"):
