@@ -16,6 +16,7 @@ from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl import keys
 from navrl.checks import check_positive
+from navrl.deploy.actor_call import ActorCall
 from navrl.deploy.paths import checked_path, start_progress
 from navrl.deploy.safety import (
     DriveState,
@@ -33,7 +34,6 @@ from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
-_ATTENTION = (keys.SPATIAL_ATTENTION, keys.TEMPORAL_ATTENTION)
 _OF_VELOCITY = {keys.VELOCITY, keys.VELOCITY_AHEAD, keys.MOTION_AHEAD}
 
 
@@ -99,7 +99,7 @@ class PolicyRunner:
         senses.append_transform(ActionScaling())
         senses.action_spec  # noqa: B018, reports a mismatch now instead of at the first scan
         self._env, self.transform = senses, senses.transform
-        self._actor, self._robot = actor, robot
+        self._act, self._robot = ActorCall(actor), robot
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
@@ -253,9 +253,7 @@ class PolicyRunner:
             for step in self._waypoint_steps:
                 step.restart(past, torch.tensor([[start]]))
         now = self.transform._step(past, sensed)
-        if keys.ACTION in past:
-            now.set(keys.ACTION, past.get(keys.ACTION))  # controllers read their last action
-        return now
+        return now.update(self._act.passed_on(past))
 
     def _sensed_state(self, ranges: ArrayLike, pose: ArrayLike, path: ArrayLike) -> DriveState:
         """Return the state that follows from scan, pose and path."""
@@ -265,15 +263,6 @@ class PolicyRunner:
         pose, path = (np.asarray(value, dtype=np.float64) for value in (pose, path))
         place = path_state(pose, path, self.limits)
         return seen if place is DriveState.DRIVE else place
-
-    def _act(self, now: TensorDictBase) -> dict[str, Tensor]:
-        """Return the action, and the attention of an actor that writes it."""
-        actor = self._actor
-        if type(actor) is TensorDictModule and actor.out_keys == [keys.ACTION]:
-            # Call the network directly: a TensorDictModule checks for packages at every call.
-            return {keys.ACTION: actor.module(*(now.get(key) for key in actor.in_keys))}
-        written = actor(now.copy())
-        return {key: written[key] for key in (keys.ACTION, *_ATTENTION) if key in written}
 
     def _checked_motion(
         self,

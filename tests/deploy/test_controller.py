@@ -166,7 +166,7 @@ def test_states_of_the_runner_command_zero(driving, scan, pose, state):
 
 
 def test_failing_policy_stops_the_robot(driving, caplog):
-    driving.runner._actor.module.forward = lambda ranges: 1 / 0
+    driving.runner._act._actor.module.forward = lambda ranges: 1 / 0
     feed(driving, 10.2)
     assert driving.tick(10.2) == (0.0, 0.0, DriveState.BAD_COMMAND)
     assert "ZeroDivisionError" in driving.status.reason

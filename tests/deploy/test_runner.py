@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 from tensordict.nn import TensorDictModule
-from torchrl.envs import Transform
+from torchrl.data import Unbounded
+from torchrl.envs import Compose, TensorDictPrimer, Transform
 
 from navrl import factory, jobs, keys
 from navrl.config import compose, instantiate
@@ -231,3 +232,27 @@ def test_new_path_clears_the_trail_of_returning_waypoints():
     runner.new_path()
     runner.act(wall, (2.5, 0.0, 0.0), [(2.5, -1.0), (4.0, -1.0)])
     assert runner.observation[keys.TRAIL_STATE][0, 0] == 1
+
+
+class CountingNetwork(torch.nn.Module):
+    """Answer with a speed that grows by 0.1 from call to call."""
+
+    def forward(self, points, count):
+        action = torch.zeros(*points.shape[:-2], 2)
+        action[..., 0] = 0.2 * (count[..., 0] + 1.0) - 1.0  # in [-1, 1], 0 to 1 m/s
+        return action, count + 1.0
+
+
+@pytest.mark.parametrize("written", ["count", ("next", "count")])
+def test_recurrent_state_is_passed_to_the_next_call(written):
+    bundle = load_bundle(ZOO / "paper")
+    actor = TensorDictModule(CountingNetwork(), ["points", "count"], ["action", written])
+    steps = [
+        *bundle.build("transforms"),
+        TensorDictPrimer(count=Unbounded((1, 1)), expand_specs=True),
+    ]
+    runner = PolicyRunner(Compose(*steps), actor, bundle.build("lidar"), bundle.build("robot"))
+    for _ in range(2):
+        speeds = [runner.act(clear(), (0.0, 0.0, 0.0), AHEAD)[0] for _ in range(3)]
+        assert speeds == pytest.approx([0.1, 0.2, 0.3])
+        runner.reset()
