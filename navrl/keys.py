@@ -20,6 +20,9 @@ VELOCITY_AHEAD = "velocity_ahead"  # [*B, C] velocity at that time, e.g. (v, w),
 SCAN_MOTION = "scan_motion"  # [*B, 2, 3] (x, y, yaw), robot at first and last beam, robot frame now
 
 # --- outputs of the transforms -------------------------------------------------------------------
+# The scan of another lidar as one of the policy's own, of ScanAdapter under a perturbation.
+RANGES_ADAPTED = "ranges_adapted"  # [*B, beams of the policy] m, as ranges
+MEASURED_ADAPTED = "measured_adapted"  # [*B, beams of the policy] bool, seen by the lidar
 # The scan before MotionCompensation, in the robot's frame at the time of each beam.
 RANGES_MEASURED = "ranges_measured"  # [*B, N] m
 POINTS_MEASURED = "points_measured"  # [*B, N, 2] m

@@ -7,6 +7,7 @@ from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
+from navrl import keys
 from navrl.config import compose
 from navrl.factory.values import flat_values
 
@@ -14,6 +15,7 @@ UNPERTURBED = "none"
 """Name of the option without any perturbation."""
 
 _REPLACED = ("robot", "lidar", "transforms")
+_ADAPTED = {keys.RANGES: keys.RANGES_ADAPTED, keys.MEASURED: keys.MEASURED_ADAPTED}
 _LAYOUT = ("num_beams", "angle_min", "angle_increment", "mount")
 
 
@@ -37,6 +39,9 @@ def perturbed_parts(cfg: DictConfig) -> dict[str, Any]:
 def with_policy_beams(parts: Mapping[str, Any], perturbed: dict[str, Any]) -> dict[str, Any]:
     """Return ``perturbed`` with the beams of the policy as those of a ScanAdapter, if any.
 
+    The adapter writes keys of its own, which the poolings of raw scans read instead; the raw scans
+    remain those of the lidar.
+
     Args:
         parts: Nodes of the policy, with its ``lidar`` and ``transforms``.
         perturbed: Result of :func:`perturbed_parts`.
@@ -46,15 +51,24 @@ def with_policy_beams(parts: Mapping[str, Any], perturbed: dict[str, Any]) -> di
         return perturbed
     lidar = parts["lidar"]
     layout = {name: lidar[name] for name in _LAYOUT if name in lidar}  # others as by default
-    own = {  # a controller's steps refer to the lidar that is replaced
-        name: {key: value for key, value in layout.items() if key in step}
-        for name, step in parts["transforms"].items()
-        if isinstance(step, Mapping)
-    }
+    nodes = {name: step for name, step in parts["transforms"].items() if isinstance(step, Mapping)}
+    own = {name: _adapted(step, layout) for name, step in nodes.items()}
     own = {name: values for name, values in own.items() if values}
     adapter = {**steps["scan_adapter"], **layout, "max_range": lidar["max_range"]}
     adapter["scanner"] = {**adapter["scanner"], "mount": layout.get("mount", (0.0, 0.0, 0.0))}
     return {**perturbed, "transforms": {**own, **steps, "scan_adapter": adapter}}
+
+
+def _adapted(step: Mapping[str, Any], layout: Mapping[str, Any]) -> dict[str, Any]:
+    """Return new values of a step after a ScanAdapter.
+
+    Angles are those of the policy's lidar, to whose replacement a controller's step refers.
+    """
+    values = {key: value for key, value in layout.items() if key in step}
+    if step.get("_target_") == "navrl.transforms.MinPool":
+        in_keys = step.get("in_keys", [keys.RANGES])
+        values["in_keys"] = [_ADAPTED.get(key, key) for key in in_keys]
+    return values
 
 
 def perturbation_summary(cfg: DictConfig) -> dict[str, dict[str, str]]:

@@ -14,6 +14,8 @@ from torch import Tensor
 from navrl.checks import check_counts, check_positive
 from navrl.ops.scan_layout import TWO_PI
 
+__all__ = ["BeamState", "Scanner"]
+
 Reading = Literal["too_near", "no_return", "invalid"]
 """Meaning of a reading that is not a distance."""
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-POLICY_PACKAGES = ("navrl.transforms", "navrl.networks", "navrl.sim")
-"""Packages whose exports may always be built: they only compute."""
+POLICY_PACKAGES = ("navrl.transforms", "navrl.networks", "navrl.sim", "navrl.ops.scanner")
+"""Packages and modules whose exports may always be built: they only compute."""
 
 _FORBIDDEN_PARTS = (
     "BatchedSimulator",

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import torch
+from tensordict import NestedKey
 from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Compose, Transform
@@ -164,12 +165,12 @@ def check_lidar(transforms: Transform, lidar: Lidar) -> None:
     Raises:
         ValueError: If a pooling assumes others, so that its points would be off.
     """
-    pooled: Lidar | ScanLayout = lidar
+    layouts: dict[NestedKey, Lidar | ScanLayout] = {keys.RANGES: lidar}
     for step in _readers(transforms):
         if isinstance(step, ScanAdapter):
-            pooled = step.target
-        elif keys.RANGES in step.in_keys:
-            _check_pooling(step, pooled)
+            layouts[step.out_keys[0]] = step.target
+        elif step.in_keys[0] in layouts:
+            _check_pooling(step, layouts[step.in_keys[0]])
 
 
 def _check_pooling(pool: MinPool, lidar: Lidar | ScanLayout) -> None:

@@ -61,6 +61,12 @@ def test_walls_are_where_the_own_lidar_sees_them(policy, name):
     assert (seen[:, outside] == 3.5).all()
 
 
+def test_raw_scans_remain_those_of_the_lidar():
+    observed = first_observation(evaluated("paper", "rplidar_a1"))
+    assert observed["ranges"].shape == (2, 360)
+    assert observed["ranges_adapted"].shape == observed["measured_adapted"].shape == (2, 1440)
+
+
 def test_beams_are_those_of_the_policys_own_lidar():
     adapter = evaluated("perez_darpino", "rplidar_a1").transform[0]
     assert adapter.target.num_beams == 1536

@@ -60,6 +60,16 @@ def test_perturbed_robot_is_that_of_the_bundle(tmp_path):
     assert load_bundle(tmp_path / "slow").build("robot").command_limits[1][0] == 0.22
 
 
+def test_bundle_for_another_lidar_reads_its_beams(tmp_path):
+    export_bundle(config("perturbation=rplidar_a1"), tmp_path / "a1")
+    runner = PolicyRunner.from_bundle(tmp_path / "a1")
+    own = PolicyRunner.from_bundle(ZOO / "paper")
+    front = np.where(np.abs(np.arange(360) - 180) < 10, 1.0, 2.0)  # beam 180 looks ahead
+    command = runner.act(front, (0.0, 0.0, 0.0), PATH)
+    ahead = np.roll(np.repeat(np.roll(front, -180), 4), -2)
+    np.testing.assert_allclose(command, own.act(ahead, (0.0, 0.0, 0.0), PATH), atol=0.05)
+
+
 def test_controllers_and_existing_folders_raise_errors(changed):
     with pytest.raises(ValueError, match="mine: must not exist"):
         export_bundle(config(), changed)
