@@ -12,7 +12,7 @@ _ATTENTION = (keys.SPATIAL_ATTENTION, keys.TEMPORAL_ATTENTION)
 
 
 class ActorCall:
-    """Call an actor; entries that it writes and reads, such as a recurrent state, are passed on.
+    """Call an actor and pass on what it writes for its next call, e.g. a recurrent state.
 
     An entry that the actor writes under ``"next"``, as TorchRL's recurrent modules do, is read at
     the root by its next call.
@@ -22,6 +22,7 @@ class ActorCall:
     """
 
     def __init__(self, actor: TensorDictModule) -> None:
+        """Find the entries that the actor writes for its next call."""
         self._actor = actor
         reads, writes = getattr(actor, "in_keys", ()), getattr(actor, "out_keys", ())
         self._is_plain = type(actor) is TensorDictModule and writes == [keys.ACTION]
@@ -29,7 +30,7 @@ class ActorCall:
         self._own = {key: _at_root(key) for key in own if _at_root(key) in reads}
 
     def __call__(self, now: TensorDictBase) -> dict[str, Tensor]:
-        """Return the action, attention, and entries that the next call reads, by their root key."""
+        """Return the action, the attention, and the entries of the next call by root key."""
         actor = self._actor
         if self._is_plain:
             # Call the network directly: a TensorDictModule checks for packages at every call.
