@@ -30,6 +30,8 @@ class SAC(OneOptimizer):
         learning_rate: Adam step size of all weights.
         tau: Share of the online weights in the target update after each update.
         max_gradient_norm: The gradient of all weights is clipped to this norm.
+        initial_temperature: Weight of the entropy at the start, before it is learned; at 1 the
+            entropy of an episode is worth more than its reward.
 
     Raises:
         ValueError: If an argument is out of range.
@@ -47,13 +49,24 @@ class SAC(OneOptimizer):
         learning_rate: float = 3e-4,
         tau: float = 0.005,
         max_gradient_norm: float = 10.0,
+        initial_temperature: float = 0.05,
     ) -> None:
         """Check the values, then build loss and optimizer."""
         if not 0 <= gamma <= 1 or not 0 < tau <= 1:
             raise ValueError(f"gamma={gamma}: must be in [0, 1]; tau={tau}: must be in (0, 1]")
-        check_positive(learning_rate=learning_rate, max_gradient_norm=max_gradient_norm)
+        check_positive(
+            learning_rate=learning_rate,
+            max_gradient_norm=max_gradient_norm,
+            initial_temperature=initial_temperature,
+        )
         policy = stochastic_policy(actor, action_size, _DEVIATION, is_learned=True)
-        loss = SACLoss(policy, critic, target_entropy=-float(action_size), deactivate_vmap=True)
+        loss = SACLoss(
+            policy,
+            critic,
+            alpha_init=initial_temperature,
+            target_entropy=-float(action_size),
+            deactivate_vmap=True,
+        )
         super().__init__(actor, loss, learning_rate, max_gradient_norm)
         self.loss.make_value_estimator(gamma=gamma)
         self.target_update = SoftUpdate(self.loss, tau=tau)

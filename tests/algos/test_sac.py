@@ -43,6 +43,11 @@ def test_critics_learn_the_stored_actions():
     assert torch.equal(data["action"], stored)
 
 
+@pytest.mark.parametrize(("options", "expected"), [({}, 0.05), ({"initial_temperature": 0.3}, 0.3)])
+def test_temperature_at_the_start(options, expected):
+    assert agent(**options).loss.log_alpha.exp().item() == pytest.approx(expected)
+
+
 def test_temperature_falls_while_the_entropy_is_above_its_target():
     sac, data = agent(), batch()
     before = sac.loss.log_alpha.item()
