@@ -31,7 +31,7 @@ class SAC(OneOptimizer):
         tau: Share of the online weights in the target update after each update.
         max_gradient_norm: The gradient of all weights is clipped to this norm.
         initial_temperature: Weight of the entropy at the start, before it is learned; at 1 the
-            entropy of an episode is worth more than its reward.
+            entropy of an episode exceeds its reward.
 
     Raises:
         ValueError: If an argument is out of range.
