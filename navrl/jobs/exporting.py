@@ -17,14 +17,12 @@ from navrl.export import DriveGraph, ExportError, export_network, export_policy
 from navrl.export.golden import record as record_golden
 from navrl.export.onnx_policy import TOLERANCE, OnnxPolicy, run_network
 from navrl.extras import require
-from navrl.factory.overrides import check_policy
+from navrl.factory.overrides import PARTS, check_policy
 from navrl.factory.policy import policy_name, with_parts
 from navrl.jobs.evaluation import record
 from navrl.policies import PolicyBundle, load_bundle
 from navrl.policies.names import bundle_folder
 from navrl.training.provenance import code_version
-
-_PARTS = ("transforms", "lidar", "robot")
 
 
 def export(cfg: DictConfig, file: Path) -> float:
@@ -53,7 +51,7 @@ def export(cfg: DictConfig, file: Path) -> float:
     if cfg.golden_steps < 1:
         raise ValueError(f"golden_steps={cfg.golden_steps}: must be at least 1")
     bundle = load_bundle(folder, cfg.allow)
-    parts = [instantiate(with_parts(cfg, bundle.config)[key]) for key in _PARTS]
+    parts = [instantiate(with_parts(cfg, bundle.config)[key]) for key in PARTS]
     write = _write_network if cfg.network_only else _write_policy
     error = write(cfg, bundle, parts, file)
     if not error <= TOLERANCE:

@@ -12,6 +12,7 @@ import sys
 
 import numpy as np
 import torch
+from alignment_log import ODOMETRY
 
 from navrl.deploy import adapt_scan
 from navrl.ops.icp import align
@@ -23,7 +24,6 @@ from navrl.transforms import MinPool
 
 RANGES_M = (3.5, 5.6)  # of the network; of the lidar
 EVERY = 2  # scans: 10 Hz recorded, 5 Hz of the policy
-ODOMETRY = torch.tensor([0.01, 0.002, 0.01])  # m, m, rad, standard deviation of a step's error
 
 
 def read(file: str) -> torch.Tensor:

@@ -7,22 +7,19 @@ A pair is wrong if the position is off by more than 3 cm or the yaw by more than
 from __future__ import annotations
 
 import torch
+from alignment_log import ODOMETRY, quality_score
 from rooms import ScanPairs, corridor_pairs, errors, sample_scan_pairs
 from torch import Tensor
 
 from navrl.ops import se2
 from navrl.ops.icp import align
 from navrl.ops.icp_options import PAPER, ROBUST, IcpOptions
-from navrl.ops.icp_quality import align_from_prior, alignment_quality
-
-ODOMETRY = torch.tensor([0.01, 0.002, 0.01])  # m, m, rad, standard deviation of a step's error
+from navrl.ops.icp_quality import align_from_prior
 
 
 def accepted(transform: Tensor, scans: tuple[Tensor, ...], options: IcpOptions) -> Tensor:
     """Return whether the quality meets the default thresholds of ICPAlign."""
-    found = alignment_quality(transform, *scans, options)
-    is_good = (found.inlier_share >= 0.8) & (found.rms <= 0.035)
-    return is_good & (found.eigenvalues[:, 0] >= 0.1)
+    return quality_score(transform, scans, options) >= 1.0
 
 
 def print_rows(name: str, pairs: ScanPairs) -> None:
