@@ -10,17 +10,14 @@ observation once for both losses, because the actor's loss needs no gradient of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from copy import deepcopy
-
 import torch
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictParams
-from torch import Tensor
+from tensordict.nn import TensorDictModule
 from torchrl.objectives import DDPGLoss, TD3Loss
 from torchrl.objectives.utils import distance_loss
 
 from navrl.algos.action_smoothness import ActionSmoothness
+from navrl.algos.bound_networks import TwinCritics, bind, call, encode, q_value
 from navrl.keys import ACTION
 
 
@@ -52,11 +49,11 @@ class BoundDDPGLoss(DDPGLoss):
         """
         if not self._bound:
             self._bound = (
-                _bind(self.actor_network, self.actor_network_params),
-                _bind(self.actor_network, self.target_actor_network_params),
-                _bind(self.value_network, self.value_network_params),
-                _bind(self.value_network, self.value_network_params.detach()),
-                _bind(self.value_network, self.target_value_network_params),
+                bind(self.actor_network, self.actor_network_params),
+                bind(self.actor_network, self.target_actor_network_params),
+                bind(self.value_network, self.value_network_params),
+                bind(self.value_network, self.value_network_params.detach()),
+                bind(self.value_network, self.target_value_network_params),
             )
         return self._bound
 
@@ -73,16 +70,16 @@ class BoundDDPGLoss(DDPGLoss):
         actor, target_actor, critic, frozen_critic, target_critic = self._bind()
         with torch.no_grad():
             following = tensordict.get("next")
-            action = _call(target_actor, following)
-            next_value = _q_value(target_critic, _encode(target_critic, following), action)
+            action = call(target_actor, following)
+            next_value = q_value(target_critic, encode(target_critic, following), action)
             target_value = self.value_estimator.value_estimate(tensordict, next_value=next_value)
         target_value = target_value.squeeze(-1)
-        encoded = _encode(critic, tensordict)
-        value = _q_value(critic, encoded, tensordict.get(ACTION)).squeeze(-1)
+        encoded = encode(critic, tensordict)
+        value = q_value(critic, encoded, tensordict.get(ACTION)).squeeze(-1)
         loss_value = distance_loss(value, target_value, loss_function=self.loss_function)
         without_gradient = tuple(part.detach() for part in encoded)
-        policy_action = _call(actor, tensordict)
-        policy_value = _q_value(frozen_critic, without_gradient, policy_action)
+        policy_action = call(actor, tensordict)
+        policy_value = q_value(frozen_critic, without_gradient, policy_action)
         loss_actor = -policy_value.mean()
         if self.smoothness.is_active:
             loss_actor = loss_actor + self.smoothness(actor, tensordict, policy_action)
@@ -129,26 +126,17 @@ class BoundTD3Loss(TD3Loss):
             deactivate_vmap=True,  # autocast has no effect within vmap on the CPU
         )
         self.smoothness = ActionSmoothness()  # no penalty
-        self._bound: tuple[TensorDictModule, ...] = ()
+        self._bound: tuple[TensorDictModule, TensorDictModule, TwinCritics] | None = None
 
-    def _bind(self) -> tuple[TensorDictModule, ...]:
-        """Return actor, target actor, both critics, critic without gradient, target critics."""
-        if not self._bound:
-            online, target = self.qvalue_network_params, self.target_qvalue_network_params
-            frozen = online.detach()
+    def _bind(self) -> tuple[TensorDictModule, TensorDictModule, TwinCritics]:
+        """Return actor, target actor and critics."""
+        if self._bound is None:
             self._bound = (
-                _bind(self.actor_network, self.actor_network_params),
-                _bind(self.actor_network, self.target_actor_network_params),
-                *(_bind(self.qvalue_network, params[0]) for params in (frozen, frozen, frozen)),
-                *(_bind(self.qvalue_network, target[index]) for index in range(2)),
+                bind(self.actor_network, self.actor_network_params),
+                bind(self.actor_network, self.target_actor_network_params),
+                TwinCritics(self),
             )
-            critics = self._bound[2:4]
-            slots = zip(*(_slots(critic, online) for critic in critics), strict=True)
-            self._slots = [(first[:2], second[:2], first[2]) for first, second in slots]
-        # Weights are views, so gradients of both critics reach the stacked tensor of their weights.
-        for *slots, weights in self._slots:
-            for (store, name), weight in zip(slots, weights.unbind(0), strict=True):
-                store[name] = weight
+        self._bound[2].renew()
         return self._bound
 
     def forward(self, tensordict: TensorDictBase, with_actor: bool = True) -> TensorDictBase:
@@ -162,24 +150,24 @@ class BoundTD3Loss(TD3Loss):
             Scalars ``loss_qvalue`` and, if requested, ``loss_actor``; ``pred_value`` ``[2, B]`` and
             ``target_value`` ``[B]``.
         """
-        actor, target_actor, first, second, frozen, *targets = self._bind()
+        actor, target_actor, critics = self._bind()
         action = tensordict.get(ACTION)
         noise = (torch.randn_like(action) * self.policy_noise).clamp(
             -self.noise_clip, self.noise_clip
         )
         with torch.no_grad():
             following = tensordict.get("next")
-            next_action = _call(target_actor, following) + noise
+            next_action = call(target_actor, following) + noise
             next_action = next_action.clamp(self.min_action, self.max_action)
-            next_values = [_q_value(c, _encode(c, following), next_action) for c in targets]
+            next_values = [q_value(c, encode(c, following), next_action) for c in critics.targets]
             next_value = torch.minimum(*next_values)
             target_value = self.value_estimator.value_estimate(tensordict, next_value=next_value)
         target_value = target_value.squeeze(-1)
-        encoded = [_encode(critic, tensordict) for critic in (first, second)]
+        encoded = [encode(critic, tensordict) for critic in critics.online]
         values = torch.stack(
             [
-                _q_value(critic, parts, action).squeeze(-1)
-                for critic, parts in zip((first, second), encoded, strict=True)
+                q_value(critic, parts, action).squeeze(-1)
+                for critic, parts in zip(critics.online, encoded, strict=True)
             ]
         )
         losses = distance_loss(
@@ -194,47 +182,10 @@ class BoundTD3Loss(TD3Loss):
         }
         if with_actor:
             without_gradient = tuple(part.detach() for part in encoded[0])
-            policy_action = _call(actor, tensordict)
-            terms["loss_actor"] = -_q_value(frozen, without_gradient, policy_action).mean()
+            policy_action = call(actor, tensordict)
+            terms["loss_actor"] = -q_value(
+                critics.frozen[0], without_gradient, policy_action
+            ).mean()
             if self.smoothness.is_active:
                 terms["loss_actor"] += self.smoothness(actor, tensordict, policy_action)
         return TensorDict(terms, [])
-
-
-def _bind(network: TensorDictModule, params: TensorDictParams | TensorDictBase) -> TensorDictModule:
-    """Return a copy of a network that shares the given weights permanently."""
-    # Tensors are not copied, because they are placeholders that are replaced by the weights.
-    tensors = [*network.parameters(), *network.buffers()]
-    network = deepcopy(network, {id(tensor): tensor for tensor in tensors})
-    params.to_module(network)
-    return network
-
-
-def _call(network: TensorDictModule, tensordict: TensorDictBase) -> Tensor:
-    return network.module(*(tensordict.get(key) for key in network.in_keys))
-
-
-def _encode(critic: TensorDictModule, tensordict: TensorDictBase) -> tuple[Tensor, ...]:
-    """Return the part of a critic's input that does not depend on the action."""
-    inputs = [tensordict.get(key) for key in critic.in_keys if key != ACTION]
-    network = critic.module
-    return (network.encode(*inputs),) if hasattr(network, "encode") else tuple(inputs)
-
-
-def _q_value(critic: TensorDictModule, encoded: tuple[Tensor, ...], action: Tensor) -> Tensor:
-    network = critic.module
-    if hasattr(network, "encode"):
-        value = network.q_value if hasattr(network, "q_value") else network.judge  # of navrl 0.1
-        return value(action, *encoded)
-    index = critic.in_keys.index(ACTION)
-    return network(*encoded[:index], action, *encoded[index:])
-
-
-def _slots(
-    network: TensorDictModule, params: TensorDictParams
-) -> Iterator[tuple[dict[str, Tensor], str, Tensor]]:
-    """Yield container, name and stacked tensor of each weight and buffer of a network."""
-    for path, module in network.named_modules():
-        for store in (module._parameters, module._buffers):
-            for name in list(store):
-                yield store, name, params.get((*path.split("."), name))

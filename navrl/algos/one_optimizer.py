@@ -26,6 +26,7 @@ class OneOptimizer:
         loss: Loss module; its trainable parameters are optimized.
         learning_rate: Adam step size of all weights.
         max_gradient_norm: The gradient of all weights is clipped to this norm.
+        precision: Number format of matrix products, see :class:`navrl.algos.precision.Precision`.
     """
 
     def __init__(
@@ -34,11 +35,12 @@ class OneOptimizer:
         loss: LossModule,
         learning_rate: float,
         max_gradient_norm: float,
+        precision: str = "float32",
     ) -> None:
         """Build the optimizer, on the device of the actor."""
         device = next(actor.parameters()).device
         self.actor, self.max_gradient_norm = actor, max_gradient_norm
-        self.precision = Precision("float32", device)
+        self.precision = Precision(precision, device)
         self.loss = loss.to(device)
         self._weights = [value for value in self.loss.parameters() if value.requires_grad]
         self.optimizer = torch.optim.Adam(self._weights, learning_rate)
@@ -60,9 +62,11 @@ class OneOptimizer:
         Raises:
             NonFiniteUpdateError: If a scalar is NaN or infinite; no weight has changed.
         """
-        terms = self.loss(batch)
-        self.optimizer.zero_grad()
-        torch.stack([terms[name] for name in minimized]).sum().backward()
+        with self.precision.rounding():
+            with self.precision.autocast():
+                terms = self.loss(batch)
+            self.optimizer.zero_grad()
+            torch.stack([terms[name].float() for name in minimized]).sum().backward()
         norm = torch.nn.utils.clip_grad_norm_(self._weights, self.max_gradient_norm)
         scalars = {name: terms[name].detach().mean() for name in shown}
         scalars["gradient_norm"] = norm.detach()

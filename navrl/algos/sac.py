@@ -5,8 +5,9 @@ from __future__ import annotations
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
-from torchrl.objectives import SACLoss, SoftUpdate
+from torchrl.objectives import SoftUpdate
 
+from navrl.algos.bound_sac_loss import BoundSACLoss
 from navrl.algos.distributions import stochastic_policy
 from navrl.algos.one_optimizer import OneOptimizer
 from navrl.checks import check_positive
@@ -32,6 +33,7 @@ class SAC(OneOptimizer):
         max_gradient_norm: The gradient of all weights is clipped to this norm.
         initial_temperature: Weight of the entropy at the start, before it is learned; at 1 the
             entropy of an episode exceeds its reward.
+        precision: Number format of matrix products, see :class:`navrl.algos.precision.Precision`.
 
     Raises:
         ValueError: If an argument is out of range.
@@ -50,6 +52,7 @@ class SAC(OneOptimizer):
         tau: float = 0.005,
         max_gradient_norm: float = 10.0,
         initial_temperature: float = 0.05,
+        precision: str = "float32",
     ) -> None:
         """Check the values, then build loss and optimizer."""
         if not 0 <= gamma <= 1 or not 0 < tau <= 1:
@@ -60,14 +63,8 @@ class SAC(OneOptimizer):
             initial_temperature=initial_temperature,
         )
         policy = stochastic_policy(actor, action_size, _DEVIATION, is_learned=True)
-        loss = SACLoss(
-            policy,
-            critic,
-            alpha_init=initial_temperature,
-            target_entropy=-float(action_size),
-            deactivate_vmap=True,
-        )
-        super().__init__(actor, loss, learning_rate, max_gradient_norm)
+        loss = BoundSACLoss(policy, critic, initial_temperature, -float(action_size))
+        super().__init__(actor, loss, learning_rate, max_gradient_norm, precision)
         self.loss.make_value_estimator(gamma=gamma)
         self.target_update = SoftUpdate(self.loss, tau=tau)
 

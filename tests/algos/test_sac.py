@@ -1,8 +1,11 @@
 """SAC's losses are those of TorchRL, and its state continues bit for bit."""
 
+from functools import partial
+
 import pytest
 import torch
 from learners import ENCODER, SHAPES, batch
+from torchrl.objectives import SACLoss
 
 from navrl.algos import SAC, NonFiniteUpdateError
 from navrl.algos.distributions import stochastic_policy
@@ -34,6 +37,43 @@ def test_distribution_does_not_change_the_stored_action(is_learned):
     assert data["scale"].unique().tolist() == pytest.approx([0.4])
     trained = [value for value in policy.parameters() if value.requires_grad]
     assert len(trained) == len(list(actor.parameters())) + is_learned
+
+
+@pytest.mark.parametrize("steps", [None, 3])
+def test_losses_and_gradients_equal_torchrls_loss(steps):
+    sac, data = agent(), batch()
+    for _ in range(3):  # weights that have moved by now
+        sac.update(batch())
+    if steps is not None:
+        data["steps_to_next_obs"] = torch.full((8, 1), float(steps))
+    data["next", "done"][:4] = True
+    data["next", "terminated"][:3] = True
+    names, found = ("loss_actor", "loss_qvalue", "loss_alpha"), []
+    for forward in (sac.loss.forward, partial(SACLoss.forward, sac.loss)):
+        sac.loss.zero_grad()
+        torch.manual_seed(1)
+        terms = forward(data)
+        sum(terms[name] for name in names).backward()
+        gradients = [weight.grad.clone() for weight in sac._weights]
+        found.append((terms, data["td_error"].clone(), gradients))
+    (ours, our_error, our_gradients), (theirs, their_error, their_gradients) = found
+    for name in (*names, "alpha", "entropy"):
+        torch.testing.assert_close(ours[name], theirs[name])
+    torch.testing.assert_close(our_error, their_error)
+    torch.testing.assert_close(our_gradients, their_gradients)
+
+
+def test_precision_is_that_of_the_products():
+    assert agent().precision.name == "float32"
+    sac = agent(precision="bfloat16")
+    assert sac.precision.name == "bfloat16"
+    data = batch()
+
+    torch.manual_seed(0)
+    scalars = sac.update(data)
+    assert all(value.dtype == torch.float32 for value in scalars.values())
+    with pytest.raises(ValueError, match="precision='half': must be one of"):
+        agent(precision="half")
 
 
 def test_critics_learn_the_stored_actions():
