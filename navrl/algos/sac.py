@@ -33,6 +33,8 @@ class SAC(OneOptimizer):
         max_gradient_norm: The gradient of all weights is clipped to this norm.
         initial_temperature: Weight of the entropy at the start, before it is learned; at 1 the
             entropy of an episode exceeds its reward.
+        final_learning_rate_scale: The rate decreases linearly to this multiple until the end of the
+            training.
         precision: Number format of matrix products, see :class:`navrl.algos.precision.Precision`.
 
     Raises:
@@ -52,6 +54,7 @@ class SAC(OneOptimizer):
         tau: float = 0.005,
         max_gradient_norm: float = 10.0,
         initial_temperature: float = 0.05,
+        final_learning_rate_scale: float = 1.0,
         precision: str = "float32",
     ) -> None:
         """Check the values, then build loss and optimizer."""
@@ -61,7 +64,9 @@ class SAC(OneOptimizer):
             learning_rate=learning_rate,
             max_gradient_norm=max_gradient_norm,
             initial_temperature=initial_temperature,
+            final_learning_rate_scale=final_learning_rate_scale,
         )
+        self._learning_rate, self._final_scale = learning_rate, final_learning_rate_scale
         policy = stochastic_policy(actor, action_size, _DEVIATION, is_learned=True)
         loss = BoundSACLoss(policy, critic, initial_temperature, -float(action_size))
         super().__init__(actor, loss, learning_rate, max_gradient_norm, precision)
@@ -86,4 +91,7 @@ class SAC(OneOptimizer):
         return scalars
 
     def anneal(self, share_done: float) -> None:
-        """Retain the learning rate."""
+        """Scale the learning rate linearly from 1 to ``final_learning_rate_scale``."""
+        scale = 1 + min(share_done, 1.0) * (self._final_scale - 1)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._learning_rate * scale

@@ -107,6 +107,16 @@ def test_update_trains_actor_critics_and_targets():
         assert names and any(not torch.equal(before[name], after[name]) for name in names), part
 
 
+def test_learning_rate_falls_linearly_to_its_last_scale():
+    sac = agent(learning_rate=1e-3, final_learning_rate_scale=0.1)
+    for share, expected in ((0.0, 1e-3), (0.5, 5.5e-4), (1.0, 1e-4), (1.2, 1e-4)):
+        sac.anneal(share)
+        assert sac.optimizer.param_groups[0]["lr"] == pytest.approx(expected)
+    steady = agent(learning_rate=1e-3)
+    steady.anneal(1.0)
+    assert steady.optimizer.param_groups[0]["lr"] == 1e-3
+
+
 def test_restored_state_continues_bit_for_bit():
     sac, other = agent(), agent(learning_rate=1e-3)
     sac.update(batch())
@@ -143,6 +153,7 @@ def test_non_finite_update_changes_no_weight():
     [
         ({"gamma": 1.5}, r"gamma=1.5: must be in \[0, 1\]"),
         ({"tau": 0.0}, r"tau=0.0: must be in \(0, 1\]"),
+        ({"final_learning_rate_scale": 0.0}, "final_learning_rate_scale=0.0: must be"),
         ({"learning_rate": 0.0}, "learning_rate=0.0: must be"),
     ],
 )
