@@ -77,6 +77,15 @@ def test_schedules_accept_fractions(override, choice):
     check_types("train", [choice, f"schedule.{override}"])
 
 
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name != "ppo"])
+@pytest.mark.parametrize("algorithm", ["ddpg", "ddpg_annealed", "td3", "td3_navrl_best", "sac"])
+def test_off_policy_algorithms_are_exchangeable(name, algorithm):
+    """An experiment sets no key of its algorithm that another one lacks."""
+    node = compose("train", [f"experiment={name}", f"algorithm={algorithm}"]).algorithm
+    arguments = {k: v for k, v in node.items() if not k.startswith("_")}
+    inspect.signature(resolve(node["_target_"])).bind_partial(**arguments)
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(CONF_DIR)))
 def test_numbers_have_a_unit_or_source(path):
     for line in path.read_text().splitlines():
