@@ -7,6 +7,7 @@ the transforms work with any TorchRL environment.
 from navrl.transforms.action_shield import ActionShield
 from navrl.transforms.base_motion import Base
 from navrl.transforms.command_rate_limit import CommandRateLimit
+from navrl.transforms.forward_speeds import ForwardSpeeds
 from navrl.transforms.goal_position import GoalPosition
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.min_pool import MinPool
@@ -30,6 +31,7 @@ __all__ = [
     "ActionShield",
     "Base",
     "CommandRateLimit",
+    "ForwardSpeeds",
     "GoalPosition",
     "ICPAlign",
     "MinPool",
