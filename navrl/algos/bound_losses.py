@@ -134,7 +134,11 @@ class BoundTD3Loss(TD3Loss):
             self._bound = (
                 bind(self.actor_network, self.actor_network_params),
                 bind(self.actor_network, self.target_actor_network_params),
-                TwinCritics(self),
+                TwinCritics(
+                    self.qvalue_network,
+                    self.qvalue_network_params,
+                    self.target_qvalue_network_params,
+                ),
             )
         self._bound[2].renew()
         return self._bound

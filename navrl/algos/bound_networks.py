@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
+from typing import TypeVar
 
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictParams
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictParams
 from torch import Tensor
-from torchrl.objectives import LossModule
 
 from navrl.keys import ACTION
+
+Network = TypeVar("Network", bound=TensorDictModuleBase)
 
 
 class TwinCritics:
     """Both critics of a loss of TorchRL, their copy without gradient, and their targets.
 
     Args:
-        loss: Loss with ``qvalue_network``, ``qvalue_network_params`` ``[2]`` and their targets.
+        network: Critic of a loss of TorchRL.
+        online: Its weights ``[2]``.
+        target: Its target weights ``[2]``.
 
     Attributes:
         online: Two networks whose gradients reach the weights.
@@ -25,10 +29,14 @@ class TwinCritics:
         targets: Two networks with the target weights.
     """
 
-    def __init__(self, loss: LossModule) -> None:
+    def __init__(
+        self,
+        network: TensorDictModule,
+        online: TensorDictParams,
+        target: TensorDictParams | TensorDictBase,
+    ) -> None:
         """Bind the networks."""
-        network, online = loss.qvalue_network, loss.qvalue_network_params
-        frozen, target = online.detach(), loss.target_qvalue_network_params
+        frozen = online.detach()
         self.online, self.frozen, self.targets = (
             tuple(bind(network, params[index]) for index in range(2))
             for params in (frozen, frozen, target)
@@ -43,7 +51,7 @@ class TwinCritics:
                 store[name] = weight
 
 
-def bind(network: TensorDictModule, params: TensorDictParams | TensorDictBase) -> TensorDictModule:
+def bind(network: Network, params: TensorDictParams | TensorDictBase) -> Network:
     """Return a copy of a network that shares the given weights permanently."""
     # Tensors are not copied, because they are placeholders that are replaced by the weights.
     tensors = [*network.parameters(), *network.buffers()]
@@ -64,7 +72,7 @@ def encode(critic: TensorDictModule, tensordict: TensorDictBase) -> tuple[Tensor
     return (network.encode(*inputs),) if hasattr(network, "encode") else tuple(inputs)
 
 
-def q_value(critic: TensorDictModule, encoded: tuple[Tensor, ...], action: Tensor) -> Tensor:
+def q_value(critic: TensorDictModule, encoded: Sequence[Tensor], action: Tensor) -> Tensor:
     """Return Q ``[B, 1]`` of an encoded observation and an action."""
     network = critic.module
     if hasattr(network, "encode"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
@@ -27,6 +29,8 @@ class BoundSACLoss(SACLoss):
         target_entropy: Entropy that the temperature is learned for, nats.
     """
 
+    log_alpha: Tensor
+
     def __init__(
         self,
         policy: ProbabilisticActor,
@@ -47,10 +51,17 @@ class BoundSACLoss(SACLoss):
     def _bind(self) -> tuple[ProbabilisticActor, TwinCritics]:
         """Return policy and critics."""
         if self._bound is None:
-            policy = bind(self.actor_network, self.actor_network_params)
-            self._bound = policy, TwinCritics(self)
-        self._bound[1].renew()
-        return self._bound
+            self._bound = (
+                bind(cast(ProbabilisticActor, self.actor_network), self.actor_network_params),
+                TwinCritics(
+                    self.qvalue_network,
+                    self.qvalue_network_params,
+                    self.target_qvalue_network_params,
+                ),
+            )
+        policy, critics = self._bound
+        critics.renew()
+        return policy, critics
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Return the losses and their terms; ``td_error`` is written into the batch.

@@ -26,7 +26,7 @@ def drive(*overrides):
     return env.step(data)["next", "command"]
 
 
-def test_actions_are_the_same_speeds_as_on_a_base_that_does_not_reverse():
+def test_actions_are_the_speeds_of_the_training():
     expected = drive()
     assert expected[:, 0].tolist() == [0.0, 0.5, 0.75, 1.0]
     backwards = drive("robot.min_speed=-0.5")
@@ -41,7 +41,7 @@ def test_step_without_reversing_changes_nothing():
     torch.testing.assert_close(forward.command(command), command)
 
 
-def test_shield_backs_away_from_a_pedestrian_who_walks_up():
+def test_shield_reverses_before_a_pedestrian():
     """One that cannot reverse has no command that avoids the contact."""
     points = torch.tensor([[[0.45, 0.0]]])
     descriptors = torch.tensor([[[0.65, 0.0, 0.45, 0.0]]])  # 1 m/s towards the robot
