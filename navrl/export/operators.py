@@ -56,10 +56,10 @@ def _atan2(y: Value, x: Value) -> Value:
 
 def _single_atan2(y: Value, x: Value) -> Value:
     zero = _constant(0.0, None)
-    angle = _OP.Atan(_OP.Div(y, x))
+    angle = _OP.Atan(_OP.Div(y, _OP.Abs(x)))  # an x of -0 is not less than zero
     angle = _OP.Where(_OP.IsNaN(angle), zero, angle)
     half = _OP.Where(_OP.Less(y, zero), _constant(-math.pi, None), _constant(math.pi, None))
-    return _OP.Where(_OP.Less(x, zero), _OP.Add(angle, half), angle)
+    return _OP.Where(_OP.Less(x, zero), _OP.Sub(half, angle), angle)
 
 
 def _constant(value: float, like: Value) -> Value:

@@ -15,6 +15,7 @@ import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 
+from navrl.export.exact_scalars import ExactScalars
 from navrl.export.golden import pack
 from navrl.export.graph import DriveGraph
 from navrl.export.guard import STATES
@@ -120,9 +121,10 @@ def _converted(
     shapes = [{0: batch} for _ in inputs]
     try:
         with torch.no_grad(), _quiet():
-            traced = torch.export.export(
-                _Positional(module), inputs, dynamic_shapes=(tuple(shapes),), strict=False
-            )
+            with ExactScalars():
+                traced = torch.export.export(
+                    _Positional(module), inputs, dynamic_shapes=(tuple(shapes),), strict=False
+                )
             program = torch.onnx.export(
                 traced,
                 dynamo=True,

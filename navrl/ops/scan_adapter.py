@@ -10,6 +10,7 @@ from torch import Tensor
 
 from navrl.ops import se2
 from navrl.ops.backend import as_real
+from navrl.ops.exporting import is_exporting
 from navrl.ops.projection import nearest_filled
 from navrl.ops.scan_layout import ScanLayout
 from navrl.ops.scanner import BeamState, Scanner
@@ -81,15 +82,16 @@ def adapt_scan(
     rays = _rays(ranges.double(), scanner, frame)
     is_hit = rays.states >= BeamState.RETURN
     is_free = rays.states == BeamState.FREE
-    points = _covered(rays.bearing, rays.width, target)
+    widest = _MAX_WIDENING * _widest(ranges.shape[-1], scanner)
+    points = _covered(rays.bearing, rays.width, target, widest)
     width = _width(ranges, scanner, frame).expand_as(rays.width)
-    lines = _covered(rays.direction, width, target)
+    lines = _covered(rays.direction, width, target, widest)
     nearest = _spread(torch.where(is_hit, rays.distance, math.inf), points, target)
     too_near = torch.where(rays.states == BeamState.TOO_NEAR, rays.distance, math.inf)
     too_near = _spread(too_near, points, target) < math.inf
     free = _spread(torch.where(is_free, 0.0, math.inf), lines, target) < math.inf
     seen = _spread(torch.where(is_hit | is_free, 0.0, math.inf), lines, target) < math.inf
-    if bool((seen & ~free & nearest.isinf()).any()):
+    if is_exporting() or bool((seen & ~free & nearest.isinf()).any()):
         nearest = _closed(nearest, free, seen)
     states = torch.where(free, int(BeamState.FREE), int(BeamState.NOT_SEEN))
     states = torch.where(nearest.isfinite(), int(BeamState.RETURN), states)
@@ -107,6 +109,12 @@ def _width(ranges: Tensor, scanner: Scanner, frame: Tensor) -> Tensor:
     turn = se2.wrap_angle(frame[..., -1, 2] - frame[..., 0, 2]).abs()
     step = step + turn / max(1, ranges.shape[-1] - 1)
     return step.clamp(max=scanner.max_beam_width).unsqueeze(-1)
+
+
+def _widest(num_beams: int, scanner: Scanner) -> float:
+    """Return the largest angle that a beam can stand for, rad: of a robot that turns at once."""
+    step = abs(scanner.increment(num_beams)) + math.pi / max(1, num_beams - 1)
+    return min(step, scanner.max_beam_width)
 
 
 def _frames(
@@ -145,15 +153,21 @@ def _rays(ranges: Tensor, scanner: Scanner, frame: Tensor) -> _Rays:
     )
 
 
-def _covered(bearing: Tensor, width: Tensor, target: ScanLayout) -> Tensor:
-    """Return the target's beams that each ray covers, ``[*B, M, K]``, ``num_beams`` for none."""
+def _covered(bearing: Tensor, width: Tensor, target: ScanLayout, widest: float) -> Tensor:
+    """Return the target's beams that each ray covers, ``[*B, M, K]``, ``num_beams`` for none.
+
+    K depends on the widest ray; in an exported graph it is that of the largest possible width.
+    """
     step, revolution = target.increment, target.revolution
     middle = (bearing - target.angle_min) / step
     middle = (middle + 0.5).remainder(revolution) - 0.5
     half = 0.5 * width / abs(step) + _ROUNDING
     first, last = (middle - half).ceil(), (middle + half).floor()
     first, last = (torch.where(last < first, middle.round(), side) for side in (first, last))
-    count = int((last - first).max()) + 1
+    if is_exporting():
+        count = math.floor(widest / abs(step) + 2.0 * _ROUNDING) + 1
+    else:
+        count = int((last - first).max()) + 1
     index = first.unsqueeze(-1) + torch.arange(count, device=bearing.device)
     if abs(revolution - target.num_beams) < 0.5:
         inside = index.remainder(target.num_beams)

@@ -104,7 +104,7 @@ def compose(T_a_b: Tensor, T_b_c: Tensor) -> Tensor:
         >>> compose(torch.tensor([1.0, 0.0, 0.0]), torch.tensor([2.0, 0.0, 0.5]))
         tensor([3.0000, 0.0000, 0.5000])
     """
-    if is_exporting() and T_a_b.shape == T_b_c.shape:
+    if is_exporting() and T_a_b.ndim == T_b_c.ndim and T_a_b.shape == T_b_c.shape:
         moved = T_b_c[..., None, :2] @ rotation_rows(T_a_b[..., 2:])
         translation = moved.squeeze(-2) + T_a_b[..., :2]
     else:
