@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
+import copy
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,20 +14,27 @@ from navrl import keys
 from navrl.deploy import PolicyRunner
 
 _RANGE_STEP = 1e-3  # m, so that ranges take two bytes
+_NUDGE = 1e-6  # m; float32 resolves 2.4e-7 m at 3.5 m
+_JUMP = 1e-3  # m/s or rad/s; a command that is continuous in the scan changes by 1e-5
+_NUDGED = 8  # runners with such scans; each crosses a threshold with a probability of one half
 
 
 def record(
     runner: PolicyRunner,
-    drives: Sequence[Mapping[str, np.ndarray]],
+    drives: Iterable[Mapping[str, np.ndarray]],
     sensors: Sequence[str],
     num_steps: int,
 ) -> dict[str, np.ndarray]:
     """Return the sensor values of drives in a row and the runner's commands.
 
+    A drive ends before a step at which the command jumps if the scans change by a millionth of a
+    meter, e.g. where ICP just stops or a shield just replaces a command: there the rounding of
+    another engine or processor decides, and a difference says nothing about the file.
+
     Args:
         runner: Runner of the policy; it is reset before each drive.
-        drives: ``ranges`` ``[T, beams]`` m, ``pose`` ``[T, 3]``, ``path`` ``[P, 2]``, and the
-            optional ``velocity`` ``[T, C]``, of each drive.
+        drives: ``ranges`` ``[T, beams]`` m, ``pose`` ``[T, 3]``, ``path`` ``[P, 2]``, and
+            ``velocity`` ``[T, C]``, of each drive; taken until there are enough steps.
         sensors: Keys of the values to return.
         num_steps: Steps to record in total.
 
@@ -36,21 +44,54 @@ def record(
     """
     found: dict[str, list] = {"ranges_mm": [], "drive": [], "command": []}
     found |= {key: [] for key in sensors if key not in (keys.RANGES, keys.PATH)}
+    paths: list[np.ndarray] = []
+    nudged = [copy.deepcopy(runner) for _ in range(_NUDGED)]
+    generator = np.random.default_rng(0)
     for index, drive in enumerate(drives):
-        runner.reset()
-        for step in range(len(drive[keys.POSE])):
-            ranges_mm = np.rint(drive[keys.RANGES][step] / _RANGE_STEP).astype(np.uint16)
-            velocity = drive[keys.VELOCITY][step].astype(np.float32)
-            pose = drive[keys.POSE][step].astype(np.float64)
-            scan_motion = np.zeros((2, 3), np.float32)
-            given = {keys.POSE: pose, keys.VELOCITY: velocity, keys.SCAN_MOTION: scan_motion}
-            ranges = meters(ranges_mm)
-            command = runner.act(ranges, pose, drive[keys.PATH], velocity, scan_motion)
-            given |= {"ranges_mm": ranges_mm, "drive": index, "command": command}
+        if len(found["drive"]) >= num_steps:
+            break
+        paths.append(padded(drive[keys.PATH]))
+        for each in (runner, *nudged):
+            each.reset()
+        for given in _steps(drive):
+            scan, others = meters(given["ranges_mm"]), _others(given, drive)
+            command = runner.act(scan, *others)
+            if _jumps(nudged, scan, others, command, generator):
+                break
+            given |= {"drive": index, "command": command}
             for key, values in found.items():
                 values.append(given[key])
     arrays = {key: np.array(values[:num_steps]) for key, values in found.items()}
-    return arrays | {keys.PATH: np.stack([padded(drive[keys.PATH]) for drive in drives])}
+    return arrays | {keys.PATH: np.stack(paths)}
+
+
+def _steps(drive: Mapping[str, np.ndarray]) -> Iterator[dict[str, Any]]:
+    """Yield the sensor values of each step of a drive."""
+    for step in range(len(drive[keys.POSE])):
+        yield {
+            "ranges_mm": np.rint(drive[keys.RANGES][step] / _RANGE_STEP).astype(np.uint16),
+            keys.POSE: drive[keys.POSE][step].astype(np.float64),
+            keys.VELOCITY: drive[keys.VELOCITY][step].astype(np.float32),
+            keys.SCAN_MOTION: np.zeros((2, 3), np.float32),
+        }
+
+
+def _jumps(
+    nudged: Sequence[PolicyRunner],
+    scan: np.ndarray,
+    others: Sequence[np.ndarray],
+    command: np.ndarray,
+    generator: np.random.Generator,
+) -> bool:
+    """Return whether runners with almost the same scan give another command."""
+    shifts = generator.uniform(-_NUDGE, _NUDGE, (len(nudged), len(scan)))
+    near = [each.act(scan + shift, *others) for each, shift in zip(nudged, shifts, strict=True)]
+    return bool(np.abs(np.array(near) - command).max() > _JUMP)
+
+
+def _others(given: Mapping[str, Any], drive: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Return the arguments of a step after its scan."""
+    return given[keys.POSE], drive[keys.PATH], given[keys.VELOCITY], given[keys.SCAN_MOTION]
 
 
 def meters(ranges_mm: np.ndarray) -> np.ndarray:

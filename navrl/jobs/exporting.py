@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -87,13 +88,10 @@ def _write_network(cfg: DictConfig, bundle: PolicyBundle, parts: list[Any], file
     return float(np.abs(run_network(file, golden) - expected).max())
 
 
-def _drives(cfg: DictConfig) -> list[dict[str, np.ndarray]]:
-    """Return sensor values of the first episodes of the suite, ``golden_steps`` in total."""
-    drives, episode = [], 0
-    while sum(len(drive[keys.POSE]) for drive in drives) < cfg.golden_steps:
-        drives.append(_sensed(record(_episode(cfg, episode))))
-        episode += 1
-    return drives
+def _drives(cfg: DictConfig) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the sensor values of the episodes of the suite."""
+    for episode in range(cfg.suite.num_episodes):
+        yield _sensed(record(_episode(cfg, episode)))
 
 
 def _episode(cfg: DictConfig, index: int) -> DictConfig:
