@@ -163,17 +163,11 @@ class BoundTD3Loss(TD3Loss):
             following = tensordict.get("next")
             next_action = call(target_actor, following) + noise
             next_action = next_action.clamp(self.min_action, self.max_action)
-            next_values = [q_value(c, encode(c, following), next_action) for c in critics.targets]
-            next_value = torch.minimum(*next_values)
+            next_value = critics.least_target(following, next_action)
             target_value = self.value_estimator.value_estimate(tensordict, next_value=next_value)
         target_value = target_value.squeeze(-1)
-        encoded = [encode(critic, tensordict) for critic in critics.online]
-        values = torch.stack(
-            [
-                q_value(critic, parts, action).squeeze(-1)
-                for critic, parts in zip(critics.online, encoded, strict=True)
-            ]
-        )
+        encoded = critics.encode(tensordict)
+        values = critics.values(encoded, action)
         losses = distance_loss(
             values, target_value.expand_as(values), loss_function=self.loss_function
         )

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from typing import TypeVar
 
+import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictParams
 from torch import Tensor
@@ -45,10 +46,26 @@ class TwinCritics:
         self._slots = [(first[:2], second[:2], first[2]) for first, second in slots]
 
     def renew(self) -> None:
-        """Take new views of the weights, through which gradients reach the stacked tensor."""
+        """Take new views of the weights, through which gradients reach the stacked tensor.
+
+        Not under ``torch.no_grad``, where views have no gradient.
+        """
         for *slots, weights in self._slots:
             for (store, name), weight in zip(slots, weights.unbind(0), strict=True):
                 store[name] = weight
+
+    def encode(self, tensordict: TensorDictBase) -> list[tuple[Tensor, ...]]:
+        """Return the encoded observations of both online critics."""
+        return [encode(critic, tensordict) for critic in self.online]
+
+    def values(self, encoded: Sequence[Sequence[Tensor]], action: Tensor) -> Tensor:
+        """Return Q ``[2, B]`` of both online critics."""
+        pairs = zip(self.online, encoded, strict=True)
+        return torch.stack([q_value(critic, parts, action).squeeze(-1) for critic, parts in pairs])
+
+    def least_target(self, tensordict: TensorDictBase, action: Tensor) -> Tensor:
+        """Return the lower Q ``[B, 1]`` of both target critics."""
+        return torch.minimum(*(q_value(c, encode(c, tensordict), action) for c in self.targets))
 
 
 def bind(network: Network, params: TensorDictParams | TensorDictBase) -> Network:

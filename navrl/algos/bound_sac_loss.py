@@ -13,7 +13,7 @@ from torchrl.objectives import SACLoss
 from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.utils import distance_loss
 
-from navrl.algos.bound_networks import TwinCritics, bind, encode, q_value
+from navrl.algos.bound_networks import TwinCritics, bind, q_value
 from navrl.keys import ACTION
 
 
@@ -77,10 +77,8 @@ class BoundSACLoss(SACLoss):
         with torch.no_grad():
             next_value = _soft_value(policy, critics, tensordict.get("next"), alpha)
             target_value = self._target_value(tensordict, next_value)
-        encoded = [encode(critic, tensordict) for critic in critics.online]
-        taken = tensordict.get(ACTION)
-        pairs = zip(critics.online, encoded, strict=True)
-        values = torch.stack([q_value(c, parts, taken).squeeze(-1) for c, parts in pairs])
+        encoded = critics.encode(tensordict)
+        values = critics.values(encoded, tensordict.get(ACTION))
         loss_qvalue = distance_loss(
             values, target_value.expand_as(values), loss_function=self.loss_function
         )
@@ -115,8 +113,7 @@ def _soft_value(
 ) -> Tensor:
     """Return the value ``[B, 1]`` of a sampled action by the target critics."""
     action, log_prob = _sample(policy, tensordict)
-    values = [q_value(c, encode(c, tensordict), action) for c in critics.targets]
-    return torch.minimum(*values) - alpha * log_prob.unsqueeze(-1)
+    return critics.least_target(tensordict, action) - alpha * log_prob.unsqueeze(-1)
 
 
 def _sample(policy: ProbabilisticActor, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:

@@ -26,6 +26,8 @@ class OneOptimizer:
         loss: Loss module; its trainable parameters are optimized.
         learning_rate: Adam step size of all weights.
         max_gradient_norm: The gradient of all weights is clipped to this norm.
+        final_learning_rate_scale: The rate decreases linearly to this multiple until the end of the
+            training.
         precision: Number format of matrix products, see :class:`navrl.algos.precision.Precision`.
     """
 
@@ -35,6 +37,7 @@ class OneOptimizer:
         loss: LossModule,
         learning_rate: float,
         max_gradient_norm: float,
+        final_learning_rate_scale: float = 1.0,
         precision: str = "float32",
     ) -> None:
         """Build the optimizer, on the device of the actor."""
@@ -44,6 +47,7 @@ class OneOptimizer:
         self.loss = loss.to(device)
         self._weights = [value for value in self.loss.parameters() if value.requires_grad]
         self.optimizer = torch.optim.Adam(self._weights, learning_rate)
+        self._learning_rate, self._final_scale = learning_rate, final_learning_rate_scale
 
     def update(self, batch: TensorDictBase, /) -> dict[str, Tensor]:
         """Update the weights from a batch; return detached scalars."""
@@ -79,6 +83,12 @@ class OneOptimizer:
         """Update from each batch of ``[K, ...]`` in order; return sums of the scalars."""
         scalars = [self.update(batch) for batch in batches.unbind(0)]
         return {name: torch.stack([each[name] for each in scalars]).sum() for name in scalars[0]}
+
+    def anneal(self, share_done: float) -> None:
+        """Scale the learning rate linearly from 1 to ``final_learning_rate_scale``."""
+        scale = 1 + min(share_done, 1.0) * (self._final_scale - 1)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._learning_rate * scale
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of the loss module and of the optimizer."""

@@ -100,8 +100,9 @@ class PPO(OneOptimizer):
             entropy_bonus=False,
             normalize_advantage=True,
         )
-        super().__init__(actor, loss, learning_rate, max_gradient_norm)
-        self._learning_rate = learning_rate
+        super().__init__(
+            actor, loss, learning_rate, max_gradient_norm, final_learning_rate_scale=0.0
+        )
         self.advantage = GAE(
             gamma=gamma,
             lmbda=gae_lambda,
@@ -134,8 +135,3 @@ class PPO(OneOptimizer):
             for rows in torch.randperm(len(steps)).split(self.minibatch_size):
                 found.append(self._descend(steps[rows], _LOSSES, _SCALARS))
         return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
-
-    def anneal(self, share_done: float) -> None:
-        """Decrease the learning rate linearly to zero."""
-        for group in self.optimizer.param_groups:
-            group["lr"] = self._learning_rate * max(1.0 - share_done, 0.0)

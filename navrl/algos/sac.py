@@ -66,10 +66,11 @@ class SAC(OneOptimizer):
             initial_temperature=initial_temperature,
             final_learning_rate_scale=final_learning_rate_scale,
         )
-        self._learning_rate, self._final_scale = learning_rate, final_learning_rate_scale
         policy = stochastic_policy(actor, action_size, _DEVIATION, is_learned=True)
         loss = BoundSACLoss(policy, critic, initial_temperature, -float(action_size))
-        super().__init__(actor, loss, learning_rate, max_gradient_norm, precision)
+        super().__init__(
+            actor, loss, learning_rate, max_gradient_norm, final_learning_rate_scale, precision
+        )
         self.loss.make_value_estimator(gamma=gamma)
         self.target_update = SoftUpdate(self.loss, tau=tau)
 
@@ -89,9 +90,3 @@ class SAC(OneOptimizer):
         scalars = self._descend(batch, _LOSSES, (*_LOSSES, "alpha", "entropy"))
         self.target_update.step()
         return scalars
-
-    def anneal(self, share_done: float) -> None:
-        """Scale the learning rate linearly from 1 to ``final_learning_rate_scale``."""
-        scale = 1 + min(share_done, 1.0) * (self._final_scale - 1)
-        for group in self.optimizer.param_groups:
-            group["lr"] = self._learning_rate * scale

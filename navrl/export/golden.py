@@ -41,6 +41,9 @@ def record(
     Returns:
         The sensors ``[T, ...]``, ``ranges_mm`` in place of ``ranges``, ``path`` ``[K, P, 2]`` of K
         drives, ``drive`` ``[T]`` int64, the index of each step's drive, and ``command`` ``[T, C]``.
+
+    Raises:
+        ValueError: If the drives have fewer steps.
     """
     found: dict[str, list] = {"ranges_mm": [], "drive": [], "command": []}
     found |= {key: [] for key in sensors if key not in (keys.RANGES, keys.PATH)}
@@ -61,6 +64,11 @@ def record(
             given |= {"drive": index, "command": command}
             for key, values in found.items():
                 values.append(given[key])
+    if len(found["drive"]) < num_steps:
+        raise ValueError(
+            f"golden_steps={num_steps}: must be at most {len(found['drive'])}, the steps of the "
+            "drives before commands that jump"
+        )
     arrays = {key: np.array(values[:num_steps]) for key, values in found.items()}
     return arrays | {keys.PATH: np.stack(paths)}
 

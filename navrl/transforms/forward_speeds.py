@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from tensordict import NestedKey
 from torch import Tensor
 
 from navrl import keys
 from navrl.checks import check_positive
-from navrl.ops.motion import check_commands
 from navrl.transforms.action_map import ActionMap
 
 
@@ -48,9 +49,8 @@ class ForwardSpeeds(ActionMap):
         """Check and store the arguments."""
         super().__init__((), (), action_key)
         check_positive(max_speed=max_speed)
-        check_commands(0.0, min_speed, max_speed)
-        if min_speed > 0.0:
-            raise ValueError(f"min_speed={min_speed}: must be at most 0 (m/s)")
+        if not -math.inf < min_speed <= 0.0:
+            raise ValueError(f"min_speed={min_speed}: must be at most 0 (m/s), and finite")
         self.min_speed, self.max_speed = min_speed, max_speed
 
     def command(self, action: Tensor, *seen: Tensor) -> Tensor:

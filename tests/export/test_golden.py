@@ -1,6 +1,7 @@
 """Golden drives have no step at which rounding decides."""
 
 import numpy as np
+import pytest
 
 from navrl.export.golden import record
 
@@ -44,3 +45,8 @@ def test_drives_are_taken_only_as_needed():
 
     golden = record(Threshold(), endless(), ["ranges", "pose", "path"], 7)
     assert golden["drive"].tolist() == [0, 0, 0, 1, 1, 1, 2]
+
+
+def test_too_few_steps_are_an_error():
+    with pytest.raises(ValueError, match="golden_steps=3: must be at most 2"):
+        record(Threshold(), [drive(2.5, 1.5, 2.0, 2.5)], ["ranges", "pose", "path"], 3)
