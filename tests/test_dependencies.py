@@ -4,10 +4,12 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -84,6 +86,20 @@ def test_ranges_are_open_and_the_constraints_are_within_them():
         assert not any(part.operator == "==" for part in requirement.specifier), requirement
         pin = pins[requirement.name.lower()]
         assert requirement.specifier.contains(pin), (requirement, pin)
+
+
+def test_pinned_packages_accept_the_first_python_of_the_range():
+    """Debian 12 has 3.11.2: a pin that needs a later patch release cannot be installed there."""
+    first = f"{PROJECT['requires-python'].split(',')[0].removeprefix('>=')}.0"
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    for name, pin in (line.split("==") for line in lines if not line.startswith("#")):
+        try:
+            installed = metadata(name)
+        except PackageNotFoundError:
+            continue
+        if installed["Version"] == pin:
+            needed = SpecifierSet(installed["Requires-Python"] or "")
+            assert needed.contains(first), f"{name}=={pin} needs Python {needed}"
 
 
 def test_base_dependencies_are_few():
