@@ -32,4 +32,4 @@ def check_counts(**values: int | None) -> None:
         if value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-            raise ValueError(f"{name}={value}: must be an integer, at least 1")
+            raise ValueError(f"{name}={value!r}: must be an integer, at least 1")

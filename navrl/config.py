@@ -98,6 +98,20 @@ def compose(config_name: str | None, overrides: Sequence[str] = ()) -> DictConfi
     return cfg
 
 
+def compose_or_name(config_name: str, overrides: Sequence[str]) -> DictConfig:
+    """Compose a config for a caller in Python, to whom Hydra's errors would be several lines.
+
+    Raises:
+        ValueError: If an override is wrong; one line, with the nearest names.
+    """
+    try:
+        return compose(config_name, overrides)
+    except (HydraException, OmegaConfBaseException) as error:
+        line = describe(error)
+        hint = nearest_names(line, config_name)
+        raise ValueError(line.removesuffix(".") + hint if hint else line) from error
+
+
 def options(group: str) -> list[str]:
     """Return the names that a configuration group offers, a user's own among them.
 

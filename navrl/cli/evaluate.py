@@ -55,11 +55,7 @@ def _evaluate(cfg: DictConfig, folder: Path) -> float:
         f", of which {errors} raised an error ({folder / 'errors'})" if errors else "",
         folder,
     )
-    if errors == summary["episodes"]:
-        raise ValueError(
-            f"policy={cfg.policy}: all {errors} episodes raised an error; tracebacks are in "
-            f"{folder / 'errors'}"
-        )
+    jobs.check_errors(cfg, summary, folder)
     latency = jobs.measure_latency(cfg, folder)
     if latency is not None:
         log.info(

@@ -241,6 +241,8 @@ def _row(
     total = int(summary["episodes"])
     rates = {name: float(summary[f"{name}_rate"]) for name in _RATES}
     counts = {name: round(rate * total) for name, rate in rates.items()}
+    if not any(evaluation.success.values()):
+        finished = set()  # its times end with collisions
     difference = interval = p_value = None
     if reference is not None:
         found, p_value = success_difference(evaluation, reference)

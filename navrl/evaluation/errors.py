@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,12 @@ from navrl.worlds import Scenario
 
 ERRORS = "errors"
 """Subfolder of an evaluation."""
+
+
+def first_error(folder: Path) -> str:
+    """Return the last line of the first traceback in the folder of an evaluation."""
+    first = min((folder / ERRORS).glob("*.json"))
+    return json.loads(first.read_text())["traceback"][-1]
 
 
 def write_errors(

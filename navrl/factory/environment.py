@@ -16,7 +16,7 @@ from torchrl.data import Composite
 from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
-from navrl.checks import check_positive
+from navrl.checks import check_counts, check_positive
 from navrl.config import compose, did_you_mean, instantiate, options
 from navrl.envs import NavigationEnv, TransformedNavigationEnv
 from navrl.factory.overrides import check_environment
@@ -149,7 +149,12 @@ def make_pool(
         name: Name of their suite.
         seed: Seed of the suite; ``cfg.seed`` if ``None``.
         size: Number of scenarios; ``cfg.pool_size`` if ``None``.
+
+    Raises:
+        ValueError: If there would be no scenario.
     """
+    if size is None:
+        check_counts(pool_size=cfg.pool_size)
     suite = Suite(
         name,
         cfg.seed if seed is None else seed,

@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from navrl.config import check_types, compose, instantiate
+from navrl.config import check_types, compose, compose_or_name, instantiate
 from navrl.deprecation import present_key
 from navrl.evaluation.kept import KEPT
 from navrl.factory.perturbation import check_perturbation
@@ -129,7 +129,7 @@ def check_environment(
         others: Allowed keys besides :data:`EFFECTIVE` and :data:`OF_TRANSFORMED`.
 
     Raises:
-        ValueError: If one has no effect or its value is of another type.
+        ValueError: If one does not exist, has no effect or its value is of another type.
     """
     if isinstance(overrides, str):
         raise ValueError(f"overrides={overrides!r}: must be a list of strings")
@@ -143,7 +143,7 @@ def check_environment(
                 f"overrides={override!r}: must be of {', '.join(effective)}; {key} has no effect "
                 f"on this environment{only}"
             )
-    check_types("train", overrides)
+    check_types("train", overrides, compose_or_name("train", overrides))
 
 
 def check_drawing(cfg: DictConfig) -> None:

@@ -150,10 +150,11 @@ def _controller(cfg: DictConfig, node: Mapping[str, Any] | None) -> EvaluatedPol
                 f"'action', got {type(controller).__name__}"
             )
         check_known_future(controller, base_env(env).simulator)
+        restricted = RestrictedPolicy(cast(Callable, controller))
     except ValueError:
         env.close()
         raise
-    return EvaluatedPolicy(policy_name(cfg), RestrictedPolicy(cast(Callable, controller)), env)
+    return EvaluatedPolicy(policy_name(cfg), restricted, env)
 
 
 def controller_node(policy: str) -> dict[str, Any] | None:

@@ -1,5 +1,5 @@
 from .benchmark import run_benchmark
-from .evaluation import check_evaluation, record, run_evaluation
+from .evaluation import check_errors, check_evaluation, record, run_evaluation
 from .finished import finished_evaluation, unchanged_evaluation
 from .latency import measure_latency
 from .resuming import record_config, resumed_config
@@ -8,6 +8,7 @@ from .run_lock import locked, new_folder
 from .suite_data import missing_data
 
 __all__ = [
+    "check_errors",
     "check_evaluation",
     "claim_folder",
     "finished_evaluation",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from navrl.config import instantiate
 from navrl.envs.transformed import base_env
 from navrl.evaluation import summarize, write_results
-from navrl.evaluation.errors import write_errors
+from navrl.evaluation.errors import ERRORS, first_error, write_errors
 from navrl.evaluation.recorder import record_episode
 from navrl.evaluation.recording import Recording
 from navrl.factory.environment import num_threads
@@ -140,6 +140,19 @@ def _scenarios(suite: str, num_workers: int, progress: bool) -> list[Scenario]:
     """
     made = instantiate(OmegaConf.create(suite))
     return made.scenarios(num_workers=num_workers, progress=progress)
+
+
+def check_errors(cfg: DictConfig, summary: Mapping[str, Any], folder: Path) -> None:
+    """Check that at least one episode was played.
+
+    Raises:
+        ValueError: If every episode raised an exception; with the first of them.
+    """
+    if summary["errors"] == summary["episodes"]:
+        raise ValueError(
+            f"policy={cfg.policy}: all {summary['errors']} episodes raised an error, the first: "
+            f"{first_error(folder)}; tracebacks are in {folder / ERRORS}"
+        )
 
 
 def record(cfg: DictConfig) -> Recording:

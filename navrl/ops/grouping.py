@@ -45,8 +45,10 @@ def tagd(
 
     For each of ``num_groups`` rays the nearest return of scan t in the ray's sector sets a group
     center on the ray. The returns of both scans within ``group_radius`` of the center form two
-    groups, whose centroids are the descriptor. For a static obstacle the centroids coincide; for a
-    moving one their difference is its displacement in one step.
+    groups, whose centroids are the descriptor. Their difference is the displacement of the obstacle
+    in one step if both groups hold all of its returns. It is less if the obstacle is larger than
+    the group, which then holds other parts of it at both times. At the edge of a pedestrian's
+    shadow on a wall it is up to the radius although the wall stands still.
 
     Args:
         points: ``[*B, N, 2]`` m, scan t in the robot frame at t.

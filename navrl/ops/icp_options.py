@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from navrl.checks import check_counts
+
 SLIDE_WEIGHT = 0.01  # weight of the residual along a line; keeps an endless corridor well posed
 DAMPING = 1e-6  # added to the normal equations so that degenerate scans remain solvable
 
@@ -60,7 +62,8 @@ class IcpOptions:
                 raise ValueError(
                     f"{name}={getattr(self, name)!r}: must be one of {', '.join(values)}"
                 )
-        positive = ["gate", "max_iterations", "rotation_tolerance", "translation_tolerance"]
+        check_counts(max_iterations=self.max_iterations, min_pairs=self.min_pairs)
+        positive = ["gate", "rotation_tolerance", "translation_tolerance"]
         positive += ["search_range"] + ([] if self.robust_scale is None else ["robust_scale"])
         for name in positive:
             if not getattr(self, name) > 0:

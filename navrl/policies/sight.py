@@ -17,7 +17,14 @@ SOURCES = {
     "pose": (keys.POSE,),
     "path": (keys.PATH,),
     "odometry": (keys.VELOCITY, keys.SCAN_MOTION, keys.MOTION_AHEAD, keys.VELOCITY_AHEAD),
-    "true state": (keys.PEDESTRIAN_BOXES, keys.PEDESTRIAN_CLEARANCE, keys.TRUE_POSE),
+    "true state": (
+        keys.PEDESTRIAN_BOXES,
+        keys.PEDESTRIAN_CLEARANCE,
+        keys.TRUE_POSE,
+        keys.CONTACT,
+        keys.OUTCOME,
+        keys.REWARD_TERMS,
+    ),
 }
 """Raw keys of the environment by what they come from."""
 
@@ -67,36 +74,81 @@ class RestrictedPolicy:
     Args:
         policy: Maps a TensorDict to one with ``action [N, C]``. If it is privileged, every key is
             passed; without ``in_keys`` every key but those of the true state.
+
+    Raises:
+        ValueError: If it declares a key of the true state without being privileged.
     """
 
     def __init__(self, policy: Callable[..., TensorDictBase]) -> None:
         """Determine the keys to pass."""
-        self._policy, declared = policy, getattr(policy, "in_keys", None)
-        self._keys: list[str] | None = None
-        if declared is not None and not is_privileged(policy):
-            renamed = [RENAMED_INPUTS[key] for key in declared if key in RENAMED_INPUTS]
-            self._keys = [*declared, *renamed, keys.ACTION]
-        self._hidden = () if is_privileged(policy) else SOURCES["true state"]
+        self._policy = policy
+        is_seeing = is_privileged(policy)
+        self._hidden = () if is_seeing else SOURCES["true state"]
+        self._declared = None if is_seeing else getattr(policy, "in_keys", None)
+        for key in self._declared or ():
+            if key in self._hidden or key[0] in self._hidden:
+                raise ValueError(
+                    f"policy: in_keys has {key!r}, which is of the true state: only a class with "
+                    "privileged = True may read it"
+                )
         self._own = {keys.ACTION}  # entries that the policy has added
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action, and further keys that the policy adds.
 
         Raises:
-            ValueError: If the policy returns something else than a TensorDict with an action.
+            ValueError: If a declared key is neither observed nor added by the policy, or it returns
+                something else than a TensorDict with a finite action ``[N, C]``.
         """
-        if self._keys is None:
-            seen = tensordict.exclude(*self._hidden)
-        else:
-            seen = tensordict.select(*self._keys, strict=False)
-        decided = self._policy(seen)
-        if not isinstance(decided, TensorDictBase) or decided.get(keys.ACTION, None) is None:
-            found = type(decided).__name__
-            raise ValueError(f"policy: must return a TensorDict with 'action', got {found}")
+        observed = [name for name in map(str, tensordict.keys()) if name not in self._hidden]
+        missing = [key for key in self._declared or () if _present(key) not in observed]
+        try:
+            decided = self._policy(self._seen(tensordict))
+        except Exception as error:
+            if missing:
+                raise self._unobserved(missing[0], observed) from error
+            raise
+        _check_decided(decided, tensordict.batch_size.numel())
         known = set(tensordict.keys()) - self._own
         added = decided.exclude(*known)
         self._own.update(added.keys())
+        unwritten = [key for key in missing if key not in self._own]
+        if unwritten:
+            raise self._unobserved(unwritten[0], observed)
         return tensordict.update(added)
+
+    def _seen(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if self._declared is None:
+            return tensordict.exclude(*self._hidden)
+        renamed = [RENAMED_INPUTS[key] for key in self._declared if key in RENAMED_INPUTS]
+        return tensordict.select(*self._declared, *renamed, keys.ACTION, strict=False)
+
+    def _unobserved(self, key: str, observed: Iterable[str]) -> ValueError:
+        return ValueError(
+            f"policy: in_keys has {key!r}: must be observed, or written by the policy; "
+            f"observed: {', '.join(sorted(observed))}"
+        )
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._policy, name)
+
+
+def _present(key: str) -> str:
+    """Return the name of a declared key in an observation; nested keys by their first part."""
+    return RENAMED_INPUTS.get(key, key) if isinstance(key, str) else key[0]
+
+
+def _check_decided(decided: object, num_worlds: int) -> None:
+    if not isinstance(decided, TensorDictBase):
+        raise ValueError(
+            f"policy: must return a TensorDict with 'action', got {type(decided).__name__}"
+        )
+    action = decided.get(keys.ACTION, None)
+    if action is None:
+        found = ", ".join(sorted(map(str, decided.keys()))) or "nothing"
+        raise ValueError(f"policy: must return a TensorDict with 'action', got one with {found}")
+    if action.ndim != 2 or action.shape[0] != num_worlds:
+        shape = list(action.shape)
+        raise ValueError(f"policy: action has shape {shape}: must be [{num_worlds}, C]")
+    if not action.isfinite().all():
+        raise ValueError(f"policy: action={action[~action.isfinite()][0]}: must be finite")

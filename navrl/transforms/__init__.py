@@ -14,7 +14,7 @@ from navrl.transforms.min_pool import MinPool
 from navrl.transforms.motion_compensation import MotionCompensation
 from navrl.transforms.motion_prediction import MotionPrediction
 from navrl.transforms.normalize import Normalize
-from navrl.transforms.observation_map import ObservationMap
+from navrl.transforms.observation_map import ObservationMap, flag_spec, real_spec
 from navrl.transforms.pipeline import compose
 from navrl.transforms.range_history import RangeHistory
 from navrl.transforms.recovery import Recovery
@@ -48,4 +48,6 @@ __all__ = [
     "SubgoalAction",
     "Waypoints",
     "compose",
+    "flag_spec",
+    "real_spec",
 ]

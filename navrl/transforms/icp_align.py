@@ -59,9 +59,11 @@ class ICPAlign(ObservationMap):
         prior: ``"none"``; ``"pose"``, the difference of two poses; or ``"velocity"``, the present
             (v, w) held for ``time_step_s``. A prior replaces the initialization.
         time_step_s: Time between two scans, s; only for ``prior="velocity"``.
-        full_range: Whether to align the scans under four further keys instead.
-        min_eigenvalue: Smallest share of returns that constrain a direction; below it, a prior is
-            retained in that direction. See :func:`navrl.ops.icp_quality.alignment_quality`.
+        full_range: Whether the motion is estimated from four further keys, the scans at the range
+            of the sensor. The aligned points remain those of the first four.
+        min_eigenvalue: A direction is free if a smaller share of the returns constrains the motion
+            along it, as along a corridor without ends; a prior is retained there. See
+            :func:`navrl.ops.icp_quality.alignment_quality`.
         converged: ``"steps"``: the last step was small. ``"quality"``: the thresholds below are
             met too and, without a prior, ``min_eigenvalue`` in every direction.
         min_inlier_share: Smallest share of inliers, only for ``"quality"``.
@@ -70,10 +72,10 @@ class ICPAlign(ObservationMap):
             with ``full_range`` the same four at the full range; with ``prior="pose"`` the poses
             ``[*B, 3]`` (m, m, rad) at t-1 and t, with ``"velocity"`` the velocity ``[*B, 2]``;
             optionally the bins covered by the lidar ``[*B, N]`` bool, for the rotation search.
-        out_keys: Points of scan t-1 in frame t ``[*B, N, 2]`` m, T_target_source ``[*B, 3]``,
-            convergence ``[*B, 1]`` bool, number of matched pairs ``[*B, 1]`` int64; optionally the
-            quality ``[*B, 4]``: share of inliers, their RMS residual in m, the two smallest
-            eigenvalues.
+        out_keys: Points of scan t-1 in frame t ``[*B, N, 2]`` m, the pose (x, y, yaw) of the robot
+            frame at t-1 in that at t ``[*B, 3]`` (m, m, rad), convergence ``[*B, 1]`` bool, number
+            of matched pairs ``[*B, 1]`` int64; optionally the quality ``[*B, 4]``: share of
+            inliers, their RMS residual in m, the two smallest eigenvalues.
 
     Raises:
         ValueError: If an argument is invalid; the message names it.

@@ -46,7 +46,8 @@ class MinPool(ObservationMap):
         in_keys: Ranges ``[*B, beams]`` m, beam j at ``angle_min + j * angle_increment``; optionally
             the beams that measure ``[*B, beams]`` bool, for ``seen`` of a lidar with blind beams.
         out_keys: Pooled ranges ``[*B, N]`` m, points ``[*B, N, 2]`` m in the robot frame, and
-            returns ``[*B, N]`` bool; optionally the covered bins ``[*B, N]`` bool.
+            returns ``[*B, N]`` bool; optionally the covered bins ``[*B, N]`` bool. Ranges and
+            points are float32, those of a float64 scan too.
 
     Raises:
         ValueError: If an argument is invalid, or if ``group_size`` does not divide the

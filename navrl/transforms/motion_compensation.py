@@ -41,7 +41,7 @@ class MotionCompensation(ObservationMap):
     Args:
         source: ``"motion"`` reads both frames, from odometry. ``"commands"`` integrates a command
             held since the scan, for robots without odometry.
-        group_size: Beams per bin of the min-pooling; None if it is None there.
+        group_size: That of the :class:`navrl.transforms.MinPool` before.
         max_range: Range of the sensor, m.
         angle_min: Bearing of beam 0 in the scanner's frame, rad.
         angle_increment: Angle from one beam to the next, rad, negative for clockwise order; None
@@ -50,10 +50,11 @@ class MotionCompensation(ObservationMap):
         mount: (x, y, yaw) of the scanner in the robot frame, m and rad; only the yaw is used.
         age_s: Age of the last beam, s; only for ``"commands"``.
         revolution_s: Time from the first to the last beam, s; only for ``"commands"``.
-        in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool as measured, ordered by
-            bearing; motion ``[*B, 2, 3]`` (m, m, rad) of the robot's frames at the first and last
-            beam, in its present frame, or command ``[*B, 2]`` (v, w), m/s and rad/s; optionally the
-            bins covered by the lidar ``[*B, N]`` bool.
+        in_keys: Three keys. Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool as measured,
+            ordered by bearing. Then for ``"motion"`` the poses (m, m, rad) of the robot at the
+            first and last beam in its present frame ``[*B, 2, 3]``, for ``"commands"`` the command
+            (v, w), m/s and rad/s, ``[*B, 2]``. Optionally a fourth: the bins covered by the lidar
+            ``[*B, N]`` bool.
         out_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool in the present frame;
             optionally the ranges ``[*B, N]`` m, and then the covered bins ``[*B, N]`` bool.
 

@@ -22,8 +22,9 @@ class MotionPrediction(ObservationMap):
     are not predicted.
 
     Args:
-        in_keys: Robot's frame when a command given now takes effect ``[*B, 3]`` (m, m, rad), in its
-            present frame; pose ``[*B, 3]``; motion since the scan ``[*B, 2, 3]``.
+        in_keys: Pose of the robot at the time when a command given now takes effect ``[*B, 3]``
+            (m, m, rad), in the robot frame of the present; pose in the world ``[*B, 3]``; motion
+            since the scan ``[*B, 2, 3]``.
         out_keys: Pose and motion since the scan at that time, of the same shapes.
 
     Example:

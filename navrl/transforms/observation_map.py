@@ -32,6 +32,7 @@ class ObservationMap(Transform):
         ValueError: If the number of keys is wrong, or later if the environment lacks a key.
 
     Example:
+        >>> from navrl.transforms import real_spec
         >>> class NearestRange(ObservationMap):
         ...     INPUTS, OUTPUTS = ("ranges",), ("nearest range",)
         ...
@@ -233,12 +234,30 @@ def world_values(*values: Tensor) -> tuple[Tensor, ...]:
 
 
 def real_spec(like: TensorSpec, *shape: int) -> Unbounded:
-    """Return a float32 spec on the device of ``like``."""
+    """Return a float32 spec, for :meth:`ObservationMap.map_specs`.
+
+    Args:
+        like: Spec of an input, whose device it has.
+        *shape: All dimensions, with the batch.
+
+    Example:
+        >>> real_spec(Unbounded((2, 360)), 2, 1).shape
+        torch.Size([2, 1])
+    """
     return Unbounded(torch.Size(shape), dtype=torch.float32, device=like.device)
 
 
 def flag_spec(like: TensorSpec, *shape: int) -> Binary:
-    """Return a bool spec on the device of ``like``."""
+    """Return a bool spec, for :meth:`ObservationMap.map_specs`.
+
+    Args:
+        like: Spec of an input, whose device it has.
+        *shape: All dimensions, with the batch.
+
+    Example:
+        >>> flag_spec(Unbounded((2, 360)), 2, 90).dtype
+        torch.bool
+    """
     return Binary(shape[-1], torch.Size(shape), dtype=torch.bool, device=like.device)
 
 
@@ -252,6 +271,7 @@ def _check_count(
     if not len(names) <= len(keys) <= len(names) + len(optional):
         more = f", and optionally {', '.join(optional)}" if optional else ""
         raise ValueError(
-            f"{transform}: {argument}={keys}: must be {len(names)} keys ({', '.join(names)})"
+            f"{transform}: {argument}={keys}: must be {len(names)} "
+            f"{'key' if len(names) == 1 else 'keys'} ({', '.join(names)})"
             f"{more}; write a nested key as a list within the list"
         )

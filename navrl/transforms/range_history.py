@@ -37,8 +37,8 @@ class RangeHistory(Transform):
 
     Args:
         num_scans: Number of past scans K.
-        group_size: Beams per bin of the min-pooling, which determines the bearings of the bins;
-            None if it is None there.
+        group_size: That of the :class:`navrl.transforms.MinPool` before, which determines the
+            bearings of the bins.
         max_range: Range of the sensor, m.
         in_keys: Points ``[*B, N, 2]`` m of scan t, those without a return at ``max_range``, and
             T_target_source ``[*B, 3]`` of frame t-1 in frame t; optionally the bins covered by the

@@ -47,13 +47,15 @@ def folder_hash(folder: str | Path) -> str:
 def load_places(folder: str | Path) -> list[Place]:
     """Read all places of a folder, in the order of their files' paths.
 
-    A file ``NAME.json`` is a scene or a file of BARN worlds, ``NAME.yaml`` a map; ``NAME.csv``
-    beside a scene or map has its recorded pedestrians. A folder with ``urdf/NAME_best.urdf`` is an
-    iGibson scene NAME.
+    A place is a building or hall with its walls and furniture. A file ``NAME.json`` is a scene, or
+    has worlds of the benchmark BARN (:func:`load_barn`); ``NAME.yaml`` is a map. ``NAME.csv`` has
+    the recorded pedestrians of the scene or map of that name. A folder with
+    ``urdf/NAME_best.urdf`` is an iGibson scene NAME.
 
     Raises:
         FileNotFoundError: If the folder does not exist or has no places.
-        DamagedFileError: If a file is not usable, a CSV has no place, or two places have one name.
+        DamagedFileError: If a file is not usable, a CSV has no scene or map, or two places
+            have one name.
     """
     files = place_files(folder)
     places: dict[str, Place] = {}

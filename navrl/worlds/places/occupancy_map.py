@@ -32,10 +32,11 @@ class OccupancyMap:
     """Map of cells that are occupied, free or unknown.
 
     Args:
-        values: ``[X, Y]`` int8, probability of an obstacle in percent, -1 if unknown.
+        values: ``[X, Y]`` int8, probability of an obstacle in percent, -1 if unknown. The first
+            axis is along x, the second along y of the frame ``origin``.
         cell: Size of a cell, m.
         origin: ``[3]`` pose (x, y, yaw) of the corner of the cell (0, 0) in the map frame, m and
-            rad. The map's rows are along its turned x axis.
+            rad.
         occupied_percent: Smallest value of an occupied cell.
         free_percent: Largest value of a free cell; values in between are unknown.
 
