@@ -171,6 +171,15 @@ def test_times_are_compared_where_all_succeed(tmp_path):
     assert (row["mean_n"], row["common_n"], row["common"]) == ("4", "2", "13.5")
 
 
+def test_policy_without_success_has_no_time_to_compare(tmp_path):
+    write_evaluation(tmp_path / "a", "paper", [WON, WON, HIT, WON], time_to_goal_s="{time}")
+    write_evaluation(tmp_path / "b", "random", [HIT, HIT, HIT, HIT], time_to_goal_s="{time}")
+    table = compare_folders([tmp_path])
+    assert table.finished_by_all == 3
+    assert [rows_of(table)[name].common_time.n for name in ("paper", "random")] == [3, 0]
+    assert all(metric.common.n == 0 for metric in rows_of(table)["random"].metrics)
+
+
 def test_training_seeds_are_summarized(tmp_path):
     outcomes = ([WON] * 4, [WON, WON, HIT, HIT], [WON, WON, WON, HIT])
     for seed, played in enumerate(outcomes):

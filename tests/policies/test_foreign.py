@@ -196,6 +196,40 @@ def test_privileged_policy_is_passed_everything():
     assert policy.seen == set(observation().keys())
 
 
+@pytest.mark.parametrize("key", ["pedestrian_boxes", "contact", ("reward_terms", "collision")])
+def test_true_state_is_for_privileged_policies_only(key):
+    with pytest.raises(ValueError, match=r"in_keys has .* only a class with privileged = True"):
+        RestrictedPolicy(Seeing([key]))
+    RestrictedPolicy(Seeing([key], privileged=True))
+
+
+class Reading:
+    in_keys = ("rnages",)
+
+    def __call__(self, tensordict):
+        return tensordict.set("action", tensordict["rnages"][:, :2])
+
+
+@pytest.mark.parametrize("policy", [Reading(), Seeing(["ranges", "rnages"])])
+def test_misspelt_key_of_a_policy_is_named(policy):
+    message = "in_keys has 'rnages': must be observed, .*; observed: action, pose, ranges$"
+    with pytest.raises(ValueError, match=message):
+        RestrictedPolicy(policy)(observation())
+
+
+@pytest.mark.parametrize(
+    "action, message",
+    [
+        (torch.zeros(2), r"action has shape \[2\]: must be \[1, C\]"),
+        (torch.tensor([[0.5, torch.nan]]), "action=nan: must be finite"),
+        (torch.tensor([[torch.inf, 0.0]]), "action=inf: must be finite"),
+    ],
+)
+def test_unusable_action_is_named(action, message):
+    with pytest.raises(ValueError, match=message):
+        RestrictedPolicy(lambda _: TensorDict({"action": action}, []))(observation())
+
+
 @pytest.mark.parametrize("result", [None, {"action": 0}, TensorDict({}, [1])])
 def test_policy_without_an_action_is_named(result):
     with pytest.raises(ValueError, match="policy: must return a TensorDict with 'action', got"):
