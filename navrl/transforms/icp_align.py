@@ -33,6 +33,7 @@ _FULL_KEYS = {
 _PRIOR_KEYS = {
     "none": {},
     "pose": {"previous pose": keys.PREVIOUS_POSE, "pose": keys.POSE},
+    "pose_ahead": {"previous pose": keys.PREVIOUS_POSE, "pose": keys.POSE_AHEAD},
     "velocity": {"velocity": keys.VELOCITY},
 }
 
@@ -56,8 +57,10 @@ class ICPAlign(ObservationMap):
         translation_tolerance: Translation of a step below which a stage has converged, m.
         min_pairs: Required number of matches; with fewer the result is the identity.
         search_range: Largest rotation of the rotation search to either side, rad.
-        prior: ``"none"``; ``"pose"``, the difference of two poses; or ``"velocity"``, the present
-            (v, w) held for ``time_step_s``. A prior replaces the initialization.
+        prior: ``"none"``; ``"pose"``, the difference of two poses; ``"pose_ahead"``, of two poses
+            of :class:`navrl.transforms.MotionPrediction`, for scans that are moved to these; or
+            ``"velocity"``, the present (v, w) held for ``time_step_s``. A prior replaces the
+            initialization.
         time_step_s: Time between two scans, s; only for ``prior="velocity"``.
         full_range: Whether the motion is estimated from four further keys, the scans at the range
             of the sensor. The aligned points remain those of the first four.
@@ -69,7 +72,7 @@ class ICPAlign(ObservationMap):
         min_inlier_share: Smallest share of inliers, only for ``"quality"``.
         max_rms: Largest RMS residual of the inliers, m, only for ``"quality"``.
         in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t-1, then of scan t;
-            with ``full_range`` the same four at the full range; with ``prior="pose"`` the poses
+            with ``full_range`` the same four at the full range; with a prior of poses these
             ``[*B, 3]`` (m, m, rad) at t-1 and t, with ``"velocity"`` the velocity ``[*B, 2]``;
             optionally the bins covered by the lidar ``[*B, N]`` bool, for the rotation search.
         out_keys: Points of scan t-1 in frame t ``[*B, N, 2]`` m, the pose (x, y, yaw) of the robot
@@ -112,7 +115,7 @@ class ICPAlign(ObservationMap):
         translation_tolerance: float = 3.5e-3,
         min_pairs: int = 10,
         search_range: float = 0.7,
-        prior: Literal["none", "pose", "velocity"] = "none",
+        prior: Literal["none", "pose", "pose_ahead", "velocity"] = "none",
         time_step_s: float = 0.2,
         full_range: bool = False,
         min_eigenvalue: float = 0.1,
@@ -202,7 +205,7 @@ class ICPAlign(ObservationMap):
 
     def _motion(self, *odometry: Tensor) -> Tensor:
         """Return T_target_source ``[*B, 3]`` by odometry, in float64."""
-        if self.prior == "pose":
+        if self.prior != "velocity":
             before, now = (pose.double() for pose in odometry)
             return se2.relative(now, before)
         velocity = odometry[0].double()

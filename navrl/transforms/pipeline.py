@@ -6,6 +6,9 @@ from torchrl.envs import Compose, Transform
 
 from navrl.transforms.action_shield import ActionShield
 from navrl.transforms.command_rate_limit import CommandRateLimit
+from navrl.transforms.icp_align import ICPAlign
+from navrl.transforms.motion_compensation import MotionCompensation
+from navrl.transforms.motion_prediction import MotionPrediction
 
 BEFORE_ALL = ("scan_adapter",)
 """Names of steps that come first, wherever they are added: the others read their scans."""
@@ -35,7 +38,8 @@ def compose(**steps: Transform | None) -> Compose:
         The chain of the steps that are not None.
 
     Raises:
-        ValueError: If a step is not a transform; the message names it.
+        ValueError: If a step is not a transform, or the alignment reads poses or scans of another
+            time than the network; the message names it.
 
     Example:
         >>> from navrl.transforms import MinPool, ScanHistory
@@ -45,8 +49,34 @@ def compose(**steps: Transform | None) -> Compose:
     for name, step in steps.items():
         if step is not None and not isinstance(step, Transform):
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
+    _check_alignment(steps)
     given = [step for name in _ordered(list(steps)) if (step := steps[name]) is not None]
     return Compose(sorted(given, key=_rank) if any(map(_is_last, given)) else given)
+
+
+def _check_alignment(steps: dict[str, Transform | None]) -> None:
+    """Check that what the alignment reads besides the scans is of their time and place."""
+    aligns = next((step for step in steps.values() if isinstance(step, ICPAlign)), None)
+    if aligns is None:
+        return
+    predicts = any(isinstance(step, MotionPrediction) for step in steps.values())
+    if predicts and aligns.prior in ("pose", "velocity"):
+        raise ValueError(
+            f"transforms.icp_align.prior={aligns.prior}: must be pose_ahead or none, because "
+            "motion_prediction moves the scans; steps/odometry_prior_ahead.yaml sets it"
+        )
+    compensates = any(isinstance(step, MotionCompensation) for step in steps.values())
+    full = steps.get("full_range")
+    if not (compensates and aligns.full_range and isinstance(full, Compose)):
+        return
+    motions = [step.in_keys[2] for step in full.transforms if isinstance(step, MotionCompensation)]
+    scans = [step.in_keys[2] for step in steps.values() if isinstance(step, MotionCompensation)]
+    if motions != scans:
+        needed = "full_range_ahead" if predicts else "full_range_compensated"
+        raise ValueError(
+            "transforms.full_range: its scans must be moved as those of motion_compensation; "
+            f"steps/{needed}.yaml does it"
+        )
 
 
 def _ordered(names: list[str]) -> list[str]:
