@@ -43,9 +43,10 @@ def _evaluate(cfg: DictConfig, folder: Path) -> float:
     low, high = summary["success_interval"]
     errors = summary["errors"]
     log.info(
-        "%s on %s: success %.1f %% [%.1f, %.1f], collision %.1f %%, timeout %.1f %%, n=%d%s; %s",
+        "%s on %s%s: success %.1f %% [%.1f, %.1f], collision %.1f %%, timeout %.1f %%, n=%d%s; %s",
         summary["policy"],
         summary["suite"],
+        f" under {summary['perturbation']['name']}" if summary.get("perturbation") else "",
         100 * summary["success_rate"],
         100 * low,
         100 * high,

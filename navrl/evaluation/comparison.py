@@ -181,11 +181,14 @@ def compare_folders(folders: Sequence[str | Path], reference: str | None = None)
     evaluations = find_evaluations(folders)
     check_same_episodes(evaluations)
     simulators = sorted({evaluation.setting[2] for evaluation in evaluations})
-    by_label = _labelled(evaluations, with_simulator=len(simulators) > 1)
+    perturbations = {evaluation.perturbation for evaluation in evaluations}
+    differs = len(perturbations) > 1
+    by_label = _labelled(evaluations, len(simulators) > 1, with_perturbation=differs)
     if reference is None:
         reference = next(iter(by_label))
     check_reference(reference, by_label)
     suite, suite_hash, _ = evaluations[0].setting
+    suite = str(evaluations[0].summary["suite"]) if differs else suite
     return _table((suite, suite_hash, " and ".join(simulators)), by_label, reference)
 
 
@@ -272,17 +275,31 @@ def _row(
     )
 
 
+_PLACES = (lambda e: e.folder.name, lambda e: e.folder.parent.name, lambda e: str(e.folder))
+
+
 def _labelled(
-    evaluations: Sequence[Evaluation], with_simulator: bool = False
+    evaluations: Sequence[Evaluation], with_simulator: bool = False, with_perturbation: bool = False
 ) -> dict[str, Evaluation]:
     """Return unique labels of evaluations, with their folders where names coincide."""
-    labels = [f"{e.label}, {e.setting[2]}" if with_simulator else e.label for e in evaluations]
-    for place in (lambda e: e.folder.parent.name, lambda e: str(e.folder)):
-        labels = [
-            label if labels.count(label) == 1 else f"{label} ({place(evaluation)})"
-            for label, evaluation in zip(labels, evaluations, strict=True)
-        ]
-    return dict(zip(labels, evaluations, strict=True))
+    groups: dict[str, list[Evaluation]] = {}
+    for evaluation in evaluations:
+        label = evaluation.label
+        if with_perturbation and evaluation.perturbation is not None:
+            label += f" under {evaluation.perturbation}"
+        if with_simulator:
+            label += f", {evaluation.setting[2]}"
+        groups.setdefault(label, []).append(evaluation)
+    labels = {}
+    for label, members in groups.items():
+        if len(members) == 1:
+            labels[id(members[0])] = label
+            continue
+        places = [[place(member) for member in members] for place in _PLACES]
+        unique = next((names for names in places if len({*names}) == len(names)), places[-1])
+        for member, name in zip(members, unique, strict=True):
+            labels[id(member)] = f"{label} ({name})"
+    return {labels[id(evaluation)]: evaluation for evaluation in evaluations}
 
 
 def _lead(rows: Sequence[ComparisonRow], by_label: Mapping[str, Evaluation]) -> Lead | None:

@@ -180,6 +180,20 @@ def test_policy_without_success_has_no_time_to_compare(tmp_path):
     assert all(metric.common.n == 0 for metric in rows_of(table)["random"].metrics)
 
 
+def test_rows_name_what_distinguishes_them(tmp_path):
+    lidar = {"perturbation": {"name": "rplidar_a1", "kind": "lidar", "about": "an A1"}}
+    for name in ("first", "second"):
+        write_evaluation(tmp_path / name, "paper", [WON, HIT])
+    write_evaluation(tmp_path / "lidar", "paper", [WON, WON], **lidar)
+    for name in ("one", "two"):
+        write_evaluation(tmp_path / name / "evaluation", "dwa", [HIT, HIT])
+    table = compare_folders([tmp_path])
+    assert table.suite == "table1"
+    assert {row.policy for row in table.rows} == {
+        *("paper (first)", "paper (second)", "paper under rplidar_a1", "dwa (one)", "dwa (two)")
+    }
+
+
 def test_training_seeds_are_summarized(tmp_path):
     outcomes = ([WON] * 4, [WON, WON, HIT, HIT], [WON, WON, WON, HIT])
     for seed, played in enumerate(outcomes):
