@@ -100,6 +100,7 @@ OTHERS = {
     "g++ -std=c++17",  # tests/export compiles the program where there is a compiler
     "pip install -e '.[full,onnx]'",
     "pip install -c constraints.txt -e '.[full,bags]'",
+    "pip install -c constraints.txt -e '.[full,bags,report]'",
     MINE,  # the last test
 }
 OWN_TESTS = {

@@ -17,6 +17,8 @@ COMMANDS = pages.commands(PAGE)
 TINY = ["suite=smoke", "suite.num_episodes=2", "num_worlds=2", "environment.time_limit_steps=3"]
 TINY += ["progress_bar=false", "num_threads=1", "hydra.run.dir=run"]
 
+COMPARISON = ("outputs/evaluate/mine", "outputs/evaluate/paper")
+
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
@@ -30,7 +32,7 @@ def here(tmp_path, monkeypatch):
 
 def evaluate(part, *more):
     """Run the one printed evaluation with this part; return its summary."""
-    (command,) = [line for line in COMMANDS if part in line and "navrl-evaluate" in line]
+    command = next(line for line in COMMANDS if part in line and "navrl-evaluate" in line)
     shutil.rmtree("run", ignore_errors=True)
     pages.run(command, *TINY, *more)
     summary = json.loads(Path("run/summary.json").read_text())
@@ -40,7 +42,7 @@ def evaluate(part, *more):
 
 def test_every_command_of_the_page_is_run_here():
     parts = ["my_policies:ahead", "my_policies:KeepDistance", "network.onnx", "ppo.zip", "td3.zip"]
-    parts += ["process:python3 follow.py", "tcp://localhost:5555"]
+    parts += ["process:python3 follow.py", "tcp://localhost:5555", *COMPARISON]
     for command in COMMANDS:
         assert any(part in command for part in parts), command
 
@@ -49,6 +51,14 @@ def test_function_and_class_are_evaluated(here):
     everything = ["scan", "pose", "path", "odometry"]
     assert evaluate("my_policies:ahead") == ("ahead", everything)
     assert evaluate("my_policies:KeepDistance") == ("KeepDistance", ["scan"])
+
+
+def test_own_policy_is_compared_with_the_papers(here, capsys):
+    mine, paper, compared = [line for line in COMMANDS if any(part in line for part in COMPARISON)]
+    for command in (mine, paper):
+        pages.run(command, "suite.num_episodes=2", *TINY[2:-1])
+    pages.run(compared)
+    assert "| `KeepDistance` | 2 |" in capsys.readouterr().out
 
 
 def test_process_is_evaluated_and_played(here):

@@ -1,11 +1,9 @@
 """Stable-baselines3 trains, evaluates and films on the registered environment."""
 
-from pathlib import Path
-
 import gymnasium
 import numpy as np
+import pages
 import pytest
-from pages import files
 
 sb3 = pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.callbacks import EvalCallback  # noqa: E402
@@ -80,10 +78,17 @@ def test_ppo_trains_and_evaluates(tmp_path):
     assert np.isfinite(mean)
 
 
-def test_documented_training_runs(capsys):
-    page = Path(__file__).parents[2] / "docs" / "gymnasium.md"
-    exec(compile(files(page)["train_ppo.py"], page.name, "exec"), {"__name__": "snippet"})
+def test_documented_training_is_compared_with_paper(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = pages.ROOT / "docs" / "gymnasium.md"
+    exec(compile(pages.files(page)["train_ppo.py"], page.name, "exec"), {"__name__": "snippet"})
     assert "episodes ended" in capsys.readouterr().out
+    block = next(text for text in pages.blocks(page, "text") if "policy=ppo.zip" in text)
+    mine, paper, compared = block.splitlines()
+    for command in (mine, paper):
+        pages.run(command, "suite.num_episodes=2", "environment.time_limit_steps=3")
+    pages.run(compared)
+    assert "| `ppo` | 2 |" in capsys.readouterr().out
 
 
 def test_sac_trains_on_the_transformed_observation():

@@ -180,7 +180,7 @@ def test_policy_without_success_has_no_time_to_compare(tmp_path):
     assert all(metric.common.n == 0 for metric in rows_of(table)["random"].metrics)
 
 
-def test_rows_name_what_distinguishes_them(tmp_path):
+def test_rows_of_one_policy_have_different_labels(tmp_path):
     lidar = {"perturbation": {"name": "rplidar_a1", "kind": "lidar", "about": "an A1"}}
     for name in ("first", "second"):
         write_evaluation(tmp_path / name, "paper", [WON, HIT])
