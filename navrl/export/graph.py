@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import cast
 
 import torch
@@ -75,7 +75,7 @@ class DriveGraph(nn.Module):
         env = TransformedEnv(SensorEnv(lidar, self._base), transforms.clone())
         env.append_transform(ActionScaling())
         env.action_spec  # noqa: B018, reports a mismatch now
-        self._env, self._steps = env, list(cast(Compose, env.transform))
+        self._env, self._steps = env, list(_single_steps(cast(Compose, env.transform)))
         self._network, self._in_keys = actor.module, list(actor.in_keys)
         self._guard = Guard(lidar, robot, SafetyLimits() if limits is None else limits)
         self._low, self._high = robot.bounds()
@@ -162,6 +162,12 @@ class DriveGraph(nn.Module):
             reader = cast(TensorDictBase, reads)
             now = step._step(reader, now) if _is_stateful(step) else step._call(now)
         return state | {key: torch.zeros_like(past.get(key)) for key in dict.fromkeys(reads.names)}
+
+
+def _single_steps(steps: Compose) -> Iterator[Transform]:
+    """Return the steps of a chain, and those of chains within it, in order."""
+    for step in steps.transforms:
+        yield from _single_steps(step) if isinstance(step, Compose) else (step,)
 
 
 class _Reads:

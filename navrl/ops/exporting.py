@@ -127,3 +127,49 @@ def eliminate(matrix: Tensor, vector: Tensor) -> Tensor:
             for number, row in enumerate(rows)
         ]
     return torch.stack([row[:, 3] for row in rows], dim=-1)
+
+
+def symmetric_eigen(matrix: Tensor) -> tuple[Tensor, Tensor]:
+    """Return eigenvalues ``[*B, 3]``, ascending, and eigenvectors ``[*B, 3, 3]`` as columns.
+
+    Args:
+        matrix: ``[*B, 3, 3]`` float64, symmetric.
+
+    Example:
+        >>> symmetric_eigen(torch.diag(torch.tensor([3.0, 1.0, 2.0]).double()))[0]
+        tensor([1., 2., 3.], dtype=torch.float64)
+    """
+    return rotated_eigen(matrix) if is_exporting() else torch.linalg.eigh(matrix)
+
+
+def rotated_eigen(matrix: Tensor, num_sweeps: int = 5) -> tuple[Tensor, Tensor]:
+    """Return :func:`symmetric_eigen` by Jacobi's rotations, each of which clears one entry.
+
+    Example:
+        >>> rotated_eigen(torch.tensor([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 5.0]]))[0]
+        tensor([1., 3., 5.])
+    """
+    vectors = torch.eye(3, dtype=matrix.dtype, device=matrix.device).expand_as(matrix)
+    for row, column in ((0, 1), (0, 2), (1, 2)) * num_sweeps:
+        off, spread = matrix[..., row, column], matrix[..., column, column] - matrix[..., row, row]
+        angle = 0.5 * torch.atan2(2.0 * off, spread)
+        turned = _rotation(angle, row, column)
+        matrix, vectors = turned.mT @ matrix @ turned, vectors @ turned
+    values = torch.stack([matrix[..., k, k] for k in range(3)], dim=-1)
+    for left, right in ((0, 1), (1, 2), (0, 1)):  # ascending
+        order = [0, 1, 2]
+        order[left], order[right] = right, left
+        swap = (values[..., left] > values[..., right]).unsqueeze(-1)
+        values = torch.where(swap, values[..., order], values)
+        vectors = torch.where(swap.unsqueeze(-1), vectors[..., order], vectors)
+    return values, vectors
+
+
+def _rotation(angle: Tensor, row: int, column: int) -> Tensor:
+    """Return rotations ``[*B, 3, 3]`` in the plane of two axes."""
+    cosine, sine = angle.cos(), angle.sin()
+    one, zero = torch.ones_like(cosine), torch.zeros_like(cosine)
+    entries = [[one if i == j else zero for j in range(3)] for i in range(3)]
+    entries[row][row] = entries[column][column] = cosine
+    entries[row][column], entries[column][row] = sine, -sine
+    return torch.stack([torch.stack(line, dim=-1) for line in entries], dim=-2)

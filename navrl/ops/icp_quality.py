@@ -10,6 +10,7 @@ from torch import Tensor
 
 from navrl.ops import se2
 from navrl.ops.backend import Backend, as_real
+from navrl.ops.exporting import symmetric_eigen
 from navrl.ops.icp import Alignment, align
 from navrl.ops.icp_options import IcpOptions
 from navrl.ops.icp_pairs import line_equations, nearest_returns, pair_weights, take
@@ -82,7 +83,7 @@ def alignment_quality(
     points = torch.where(source_returns.unsqueeze(-1), points, 0.0)
     target = torch.where(target_returns.unsqueeze(-1), target, 0.0)
     scans = (transform, points, source_returns, target, target_returns)
-    flat = [scan.reshape(batch.numel(), *scan.shape[len(batch) :]) for scan in scans]
+    flat = [scan.reshape(-1, *scan.shape[len(batch) :]) for scan in scans]
     parts = _measure(*flat, options=options)
     return Quality(*(part.reshape(batch + part.shape[1:]) for part in parts))
 
@@ -112,7 +113,7 @@ def _measure(
     scale[:, 2] = 1.0 / length
     total = (matrix[:, 0, 0] + matrix[:, 1, 1]).clamp(min=1e-9)
     matrix = matrix * scale.unsqueeze(-1) * scale.unsqueeze(-2) / total[:, None, None]
-    values, vectors = torch.linalg.eigh(matrix.double())
+    values, vectors = symmetric_eigen(matrix.double())
     values, vectors = values.clamp(min=0.0).to(moved.dtype), vectors.to(moved.dtype)
     return Quality(share, rms, values, vectors, length)
 

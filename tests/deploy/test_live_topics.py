@@ -55,9 +55,10 @@ def rospy(tmp_path, monkeypatch):
     mounted = {"mount": (0.0, 0.0, 3.14159), "told": (0.0, 0.0, 0.0)}
     rospy = Rospy(made.driven(tmp_path, "ros1", duration_s=6.0, **mounted))
     rospy.is_online = True
+    modules = {}  # never those of an installed ROS 2
     for kind in rospy.kinds.values():
         package, name = kind.split("/")
-        messages = sys.modules.get(f"{package}.msg") or ModuleType(f"{package}.msg")
+        messages = modules.setdefault(package, ModuleType(f"{package}.msg"))
         setattr(messages, name, type(name, (), {}))
         monkeypatch.setitem(sys.modules, package, ModuleType(package))
         monkeypatch.setitem(sys.modules, f"{package}.msg", messages)
