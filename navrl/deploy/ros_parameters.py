@@ -17,7 +17,7 @@ from navrl.deploy.scan_adapter import load_scanner
 from navrl.policies.names import bundle_folder
 
 PARAMETERS: dict[str, Any] = {
-    "policy": "navrl-best",
+    "policy": "navrl-best-deployed",
     "scanner": "any",
     "mount": [math.nan, math.nan, math.nan],
     "is_upside_down": False,

@@ -73,7 +73,7 @@ SECOND = {
 }  # rows with an "or"
 
 
-@pytest.fixture(scope="module", params=["paper", "navrl-best"])
+@pytest.fixture(scope="module", params=["paper", "navrl-best", "navrl-best-deployed"])
 def control(request):
     return Controller.from_bundle(ZOO / request.param, "rplidar_a1")
 
