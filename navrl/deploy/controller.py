@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -218,8 +218,13 @@ class Controller:
             now: Time, s; ticks in its past restart the controller, as a simulation does.
 
         Returns:
-            (v, w, state), zero unless the state is ``DRIVE``.
+            (v, w, state), zero unless the state is ``DRIVE``; of a time that is not finite, too.
+
+        Raises:
+            ValueError: If ``now`` is not a number.
         """
+        if not isinstance(now, SupportsFloat):
+            raise ValueError(f"now={now!r}: must be a number (s)")
         with self._tick_lock:
             with self._lock:
                 duration = self._advance_clock(now)

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from navrl.checks import checked_numbers, checked_pose, is_finite
 from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.motion_buffer import MotionBuffer, composed_pose, driven_pose, relative_pose
 from navrl.deploy.paths import simplified_path
-from navrl.deploy.safety import DriveState, checked_pose
+from navrl.deploy.safety import DriveState
 from navrl.ops.scanner import Scanner
 
 _MIN_EQUAL = 3  # scans; two equal ones may be one message that was received twice
@@ -83,30 +84,34 @@ class RobotInputs:
         """Store a scan if it is newer than the last one; return whether it is stored."""
         before, self.scan = self.scan, None
         check_stamp(stamp)
-        readings = np.array(ranges, dtype=np.float64)  # a copy: drivers reuse their buffers
+        readings = checked_numbers(
+            "ranges", ranges, "[beams] numbers (m)"
+        )  # a copy: buffers change
         if readings.ndim != 1 or not len(readings):
             raise ValueError(f"ranges.shape={list(readings.shape)}: must be [beams], at least 1")
         limits = (angle_min, angle_increment, range_min, range_max)
         scanner = self.scanner.of_scan(len(readings), *limits)
-        duration = scanner.revolution_s if duration_s is None else float(duration_s)
-        if not 0.0 <= duration < math.inf:
-            raise ValueError(f"duration_s={duration}: must be finite and >= 0")
+        duration = scanner.revolution_s if duration_s is None else duration_s
+        if not (is_finite(duration) and duration >= 0.0):
+            raise ValueError(f"duration_s={duration!r}: must be finite and >= 0")
         if before is not None and stamp <= before.stamp:
             self.scan = before
             return False
         self._num_equal += 1
         if before is None or not np.array_equal(readings, before.ranges, equal_nan=True):
             self._unchanged_since, self._num_equal = stamp, 1
-        self.scan = StampedScan(float(stamp), readings, scanner, duration)
+        self.scan = StampedScan(float(stamp), readings, scanner, float(duration))
         return True
 
     def set_odometry(self, stamp: float, pose: ArrayLike, velocity: ArrayLike) -> bool:
         """Store odometry if it is newer than the last one; return whether it is stored."""
         check_stamp(stamp)
-        v, w = np.asarray(velocity, dtype=np.float64).tolist()
-        values = checked_pose(pose)
-        if not (math.isfinite(v) and math.isfinite(w)):
-            raise ValueError(f"velocity={[v, w]}: must be 2 finite numbers (v, w)")
+        allowed = "2 finite numbers (v, w)"
+        speeds = checked_numbers("velocity", velocity, allowed)
+        if speeds.shape != (2,) or not np.isfinite(speeds).all():
+            raise ValueError(f"velocity={speeds.tolist()}: must be {allowed}")
+        values = checked_pose("pose", pose)
+        v, w = speeds.tolist()
         is_newer = stamp > self.odometry.stamp
         if not len(self.odometry):
             self._map_from_odometry = None  # it was that of the commands
@@ -117,7 +122,7 @@ class RobotInputs:
         """Store a pose unless it is older than the last one; return whether it is stored."""
         before, self._pose = self._pose, None
         check_stamp(stamp)
-        values = checked_pose(pose)
+        values = checked_pose("pose", pose)
         if before is not None and stamp < before[0]:
             self._pose = before
             return False
@@ -212,5 +217,5 @@ def check_stamp(stamp: float) -> None:
     Raises:
         ValueError: If it is not.
     """
-    if not math.isfinite(stamp):
-        raise ValueError(f"stamp={stamp}: must be finite (s)")
+    if not is_finite(stamp):
+        raise ValueError(f"stamp={stamp!r}: must be finite (s)")

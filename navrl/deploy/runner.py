@@ -15,14 +15,13 @@ from torch import Tensor
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl import keys
-from navrl.checks import check_positive
+from navrl.checks import check_positive, checked_numbers, checked_pose
 from navrl.deploy.actor_call import ActorCall
 from navrl.deploy.paths import checked_path, start_progress
 from navrl.deploy.safety import (
     DriveState,
     SafetyLimits,
     ScanCheck,
-    checked_pose,
     path_state,
     safe_command,
 )
@@ -293,7 +292,7 @@ class PolicyRunner:
                 f"ranges.shape={list(ranges.shape)}: must be [{self.num_beams}]; "
                 "navrl.deploy.adapt_scan reads the scans of other lidars"
             )
-        pose, path = checked_pose(pose), checked_path(path, MAX_PATH_POINTS)
+        pose, path = checked_pose("pose", pose), checked_path(path, MAX_PATH_POINTS)
         whole = np.concatenate([path, np.repeat(path[-1:], MAX_PATH_POINTS - len(path), axis=0)])
         measured = self._scan_check.usable(ranges)
         ranges = self._scan_check.cleaned(ranges)
@@ -304,6 +303,7 @@ class PolicyRunner:
 
 
 def _single(values: ArrayLike) -> np.ndarray:
-    """Convert ``values`` to float32; too large values become infinite."""
+    """Convert ranges to float32; too large values become infinite."""
+    numbers = checked_numbers("ranges", values, "[beams] numbers (m)")
     with np.errstate(over="ignore"):
-        return np.asarray(values, dtype=np.float32)
+        return numbers.astype(np.float32)

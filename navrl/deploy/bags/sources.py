@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from navrl.checks import checked_pose
 from navrl.deploy.bags.frames import FrameTree
 from navrl.deploy.bags.messages import (
     Log,
@@ -169,7 +170,9 @@ class LogSource:
                 log's.
         """
         if mount is not None:
-            return replace(scanner, mount=tuple(map(float, mount))), "the option mount"
+            return replace(
+                scanner, mount=tuple(checked_pose("mount", mount).tolist())
+            ), "the option mount"
         placed = self.tree.lookup(self.base_frame, scan.frame) if scan.frame else None
         if placed is not None:
             inverted = scanner.is_upside_down or placed.tilt > _UPSIDE_DOWN
