@@ -33,6 +33,8 @@ class Controller:
     caller's clock. A tick returns zero in every state but ``DRIVE``. The policy decides once per
     time step of its training: of a faster lidar, scans are skipped, and after a gap the history
     restarts. Between two decisions the last command is repeated, within the limits of acceleration.
+    A stamp more than 1 s after the last tick is an error, so tick on where inputs are absent: the
+    tick after a jump of all clocks stops the robot, and inputs after it are used again.
 
     Every method may be called from any thread. The ``on_...`` methods and :meth:`emergency_stop`
     only store a value and do not wait for a decision; a tick waits for a tick of another thread.
@@ -144,10 +146,10 @@ class Controller:
         Raises:
             ValueError: If a value is invalid. The last scan is dropped too, so the robot stops.
         """
-        given = (angle_min, angle_increment, range_min, range_max, duration_s)
+        limits = (angle_min, angle_increment, range_min, range_max)
         with self._storing():
             waiting = self._inputs.scan
-            is_new = self._inputs.set_scan(stamp, ranges, *given)
+            is_new = self._inputs.set_scan(stamp, ranges, limits, duration_s)
             if is_new and waiting is not None and waiting.stamp > self._used_stamp:
                 self._counts["num_thinned"] += 1
             self._counts["num_rejected"] += not is_new
@@ -159,6 +161,9 @@ class Controller:
             stamp: Time of the measurement, s.
             pose: ``[3]`` (x, y, yaw), m and rad.
             velocity: ``[2]`` (v, w), m/s and rad/s.
+
+        Raises:
+            ValueError: If a value is invalid. The robot stops until the next valid odometry.
         """
         with self._storing():
             is_new = self._inputs.set_odometry(stamp, pose, velocity)
@@ -256,6 +261,8 @@ class Controller:
             self._used_stamp, self._now, self._last = -math.inf, now, (0.0, 0.0)
         duration = min(max(now - self._now, 0.0), self.max_step_s)
         self._now = max(now, self._now)
+        ahead = self._inputs.drop_future(now, self.limits.max_clock_skew_s)
+        self._counts["num_rejected"] += ahead
         self._inputs.advance(now, self._last, duration)
         return duration
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -160,7 +161,8 @@ class Replay:
             elif isinstance(message, LoggedPath) and self.plan.reads_topic:
                 control.on_path(message.points if len(message.points) else None)
         except ValueError as error:
-            self.rejected[str(error)] += 1
+            reason = re.sub(r"^stamp=[^:]*: (.*), which.*", r"stamp: \1", str(error))  # one for all
+            self.rejected[reason] += 1
 
     def _tick(self, first: float, count: int) -> ReplayedTick:
         now = first + count * self.tick_s
