@@ -105,7 +105,7 @@ class Controller:
         safety: SafetyLimits | None = None,
         **arguments: Any,
     ) -> Controller:
-        """Load a bundle; ``safety`` and further arguments are those of the runner's."""
+        """Load a bundle; folder, ``safety`` and further arguments are those of the runner's."""
         runner = PolicyRunner.from_bundle(folder, limits=safety, **arguments)
         device = load_scanner(scanner) if isinstance(scanner, str) else scanner
         return cls(runner, device, limits, compensate_motion)

@@ -116,8 +116,12 @@ class Replay:
         self._counts = (0, 0)
 
     def ticks(self) -> Iterator[ReplayedTick]:
-        """Yield the state after each tick."""
-        first, count = None, 0
+        """Yield the state after each tick.
+
+        Raises:
+            ValueError: If the log ends before the start.
+        """
+        first, count, now = None, 0, -math.inf
         for now, message in self._timed(self.source.messages()):
             if first is None:
                 if not isinstance(message, LoggedScan):
@@ -130,6 +134,12 @@ class Replay:
                 yield self._tick(first, count)
                 count += 1
             self._give(message)
+        if first is not None and first > now:
+            length = now - first + self.start_s
+            raise ValueError(
+                f"start_s={self.start_s:g}: must be below {length:.1f} s, the length of the log "
+                "after its first scan"
+            )
         if first is not None:
             yield self._tick(first, count)
 

@@ -28,6 +28,7 @@ from navrl.deploy.safety import (
 from navrl.deploy.sensor_env import SensorEnv, checked_rows, read_keys, waypoint_steps
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
+from navrl.policies.names import bundle_folder
 from navrl.sim import Delays, Lidar, RobotModel
 from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
@@ -119,10 +120,10 @@ class PolicyRunner:
         delays: Delays | None = None,
         with_attention: bool = False,
     ) -> PolicyRunner:
-        """Load a bundle: one of the zoo, or the folder ``policy`` of a training run.
+        """Load a bundle: one of the zoo, or that of a training run.
 
         Args:
-            folder: Folder of the bundle.
+            folder: Folder of the bundle or training run, or a name of the zoo, e.g. ``paper``.
             allow: See :func:`navrl.policies.load_bundle`.
             limits: See :class:`PolicyRunner`.
             delays: See :class:`PolicyRunner`.
@@ -131,7 +132,7 @@ class PolicyRunner:
         Raises:
             BundleError: If the bundle is damaged or not allowed.
         """
-        bundle = load_bundle(folder, allow)
+        bundle = load_bundle(bundle_folder(str(folder)) or folder, allow)
         transforms, lidar, robot = map(bundle.build, ("transforms", "lidar", "robot"))
         actor = bundle.actor_with_attention() if with_attention else bundle.actor
         return cls(

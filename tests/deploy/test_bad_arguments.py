@@ -20,6 +20,13 @@ def control():
     return Controller.from_bundle(ZOO / "paper", "rplidar_a1")
 
 
+def test_bundle_may_be_a_name_of_the_zoo(control):
+    named = Controller.from_bundle("paper").runner
+    assert named.num_beams == control.runner.num_beams
+    with pytest.raises(ValueError, match="papre"):
+        Controller.from_bundle("papre")
+
+
 def raises(text):
     """Expect a ValueError of one line that begins with a text."""
     return pytest.raises(ValueError, match=f"^{re.escape(text)}[^\n]*$")

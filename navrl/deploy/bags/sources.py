@@ -91,6 +91,11 @@ class LogSource:
         self.base_frame = self._base_frame()
         self.pose_source = self._pose_source()
 
+    @property
+    def has_tf(self) -> bool:
+        """Whether the log has transforms, of whatever frames."""
+        return bool(self._tf)
+
     def _beside(self, name: str | None, kind: str) -> str | None:
         """Return a topic of CARMEN that comes with the chosen laser, unless one is named."""
         own = f"{self.scan}/{kind}"
