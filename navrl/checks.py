@@ -57,7 +57,7 @@ def is_finite(value: object) -> TypeGuard[float]:
 
 
 def is_real(value: object) -> TypeGuard[float]:
-    """Return whether a value is a number, infinite ones included; NaN, text and ``None`` are not.
+    """Return whether a value is a number or infinite; NaN, text and ``None`` are not.
 
     Example:
         >>> is_real(math.inf), is_real(math.nan), is_real("1")

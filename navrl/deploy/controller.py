@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.control_status import Command, ControlStatus, observed
-from navrl.deploy.robot_inputs import RobotInputs, StampedScan
+from navrl.deploy.robot_inputs import RobotInputs
 from navrl.deploy.runner import PolicyRunner
 from navrl.deploy.safety import DriveState, SafetyLimits
 from navrl.deploy.scan_adapter import adapt_scan, load_scanner
@@ -33,8 +33,6 @@ class Controller:
     caller's clock. A tick returns zero in every state but ``DRIVE``. The policy decides once per
     time step of its training: of a faster lidar, scans are skipped, and after a gap the history
     restarts. Between two decisions the last command is repeated, within the limits of acceleration.
-    A stamp more than 1 s after the last tick is an error, so tick on where inputs are absent: the
-    tick after a jump of all clocks stops the robot, and inputs after it are used again.
 
     Every method may be called from any thread. The ``on_...`` methods and :meth:`emergency_stop`
     only store a value and do not wait for a decision; a tick waits for a tick of another thread.
@@ -190,10 +188,7 @@ class Controller:
         """
         with self._storing():
             self._has_arrived = False
-            if path is None:
-                self._inputs.path = None
-            else:
-                self._inputs.set_path(path)
+            self._inputs.set_path(path)
 
     def emergency_stop(self) -> None:
         """Stop the robot until :meth:`release`."""
@@ -236,7 +231,7 @@ class Controller:
                 state, reason = self._input_state(now)
                 job = self._next_step(now) if state is DriveState.DRIVE else None
             if job is not None:
-                self._decide(*job)
+                self._decide(job)
             with self._lock:
                 if state is DriveState.DRIVE:
                     state, reason = self._decision, self._reason
@@ -293,16 +288,9 @@ class Controller:
         velocity = inputs.motion.velocity if len(inputs.motion) else self._last
         return scan, motion, inputs.pose_at(now), inputs.path, velocity, self._last
 
-    def _decide(
-        self,
-        scan: StampedScan,
-        motion: np.ndarray | None,
-        pose: np.ndarray,
-        path: np.ndarray,
-        velocity: tuple[float, float],
-        last: tuple[float, float],
-    ) -> None:
+    def _decide(self, step: tuple[Any, ...]) -> None:
         """Run the policy; without the lock, so that inputs do not wait."""
+        scan, motion, pose, path, velocity, last = step
         self._counts["num_steps"] += 1
         try:
             adapted = adapt_scan(scan.ranges, scan.scanner, self.runner.lidar, motion)

@@ -192,9 +192,11 @@ class RobotInputs:
         self._pose = None if "pose" in ahead else self._pose
         return len(ahead)
 
-    def set_path(self, path: ArrayLike) -> None:
-        """Store a path of any length."""
+    def set_path(self, path: ArrayLike | None) -> None:
+        """Store a path of any length; ``None`` drops the last one."""
         self.path = None
+        if path is None:
+            return
         self.path = simplified_path(path)
         self.path_count += 1
 

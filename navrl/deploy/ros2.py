@@ -267,7 +267,7 @@ class PolicyNode:
 
         stamp, frame = self.node.get_clock().now().to_msg(), self.values["robot_base_frame"]
         shapes = (*attention_spheres(status), *group_arrows(status))
-        message = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+        markers = [Marker(action=Marker.DELETEALL)]
         for index, shape in enumerate(shapes):
             marker = Marker(id=index, ns=shape.kind, type=shape.code)
             marker.header.frame_id, marker.header.stamp = frame, stamp
@@ -275,8 +275,8 @@ class PolicyNode:
             marker.scale.x, marker.scale.y, marker.scale.z = shape.size
             marker.color.r, marker.color.g, marker.color.b, marker.color.a = shape.color
             marker.points = [Point(x=float(x), y=float(y)) for x, y in shape.points]
-            message.markers.append(marker)
-        publisher.publish(message)
+            markers.append(marker)
+        publisher.publish(MarkerArray(markers=markers))
 
 
 def _end_if(stopping: threading.Event) -> None:
@@ -287,7 +287,7 @@ def _end_if(stopping: threading.Event) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; zero is published at the end, also of an exception."""
     import rclpy
-    from rclpy.clock import Clock, ClockType
+    from rclpy.clock import Clock, ClockType  # pyright: ignore[reportPrivateImportUsage] -- Humble
     from rclpy.signals import SignalHandlerOptions
 
     # rclpy's own handler shuts the context down before the last zero could be published

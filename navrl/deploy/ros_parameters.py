@@ -141,8 +141,8 @@ def unknown_parameters(given: Mapping[str, Any]) -> list[str]:
         given: Values of the command line or launch file by name.
 
     Example:
-        >>> unknown_parameters({"policy": "paper", "max_vel_y": 0.5})
-        ['max_vel_y=0.5: no effect, the node has no such parameter; did you mean max_vel_x?']
+        >>> unknown_parameters({"policy": "paper", "max_vel_y": 0.5})  # doctest: +ELLIPSIS
+        ['max_vel_y=0.5: no effect, the node has no such parameter; did you mean max_vel_x or ...']
     """
     from navrl.config import did_you_mean
 

@@ -182,7 +182,7 @@ def test_jump_of_all_clocks_stops_for_one_tick(driving):
     assert driving.tick(10.6).v == 1.0
 
 
-def test_refused_odometry_stops_at_once_and_loses_no_motion(driving):
+def test_invalid_odometry_stops_at_once_and_retains_motion(driving):
     with pytest.raises(ValueError, match="velocity="):
         driving.on_odometry(10.05, (0.0, 0.0, 0.0), (math.nan, 0.0))
     assert driving.tick(10.05) == (0.0, 0.0, DriveState.STALE_POSE)
