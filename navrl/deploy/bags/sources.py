@@ -93,7 +93,7 @@ class LogSource:
 
     @property
     def has_tf(self) -> bool:
-        """Whether the log has transforms between any frames."""
+        """Return whether the log has transforms between any frames."""
         return bool(self._tf)
 
     def _beside(self, name: str | None, kind: str) -> str | None:
