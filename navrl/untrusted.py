@@ -251,9 +251,17 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Safe YAML loader without aliases, which can expand to gigabytes or recursively."""
+    """Safe YAML loader without aliases, which can expand to gigabytes, and double keys."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.events.AliasEvent):
             raise yaml.YAMLError("aliases (*name) are not allowed")
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict:
+        """Return a mapping; a key that is given twice is an error, since one would be ignored."""
+        names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for name in names:
+            if names.count(name) > 1:
+                raise yaml.YAMLError(f"{name}: must be given once")
+        return super().construct_mapping(node, deep)

@@ -60,7 +60,7 @@ def test_arguments_must_be_positive_and_finite(make, name, value):
     ],
 )
 def test_counts_must_be_positive_integers(make, name, value):
-    with pytest.raises(ValueError, match=rf"^{name}={value}: must be an integer, at least 1$"):
+    with pytest.raises(ValueError, match=rf"^{name}={value!r}: must be an integer, at least 1$"):
         make(**{name: value})
 
 

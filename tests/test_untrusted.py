@@ -64,6 +64,11 @@ def test_damaged_file_is_named_in_one_line(tmp_path, reader, content):
     refused(reader, file)
 
 
+def test_double_key_of_yaml_is_named(tmp_path):
+    (tmp_path / "a.yaml").write_text("a: {b: 1}\nb: 2\na: 3")
+    refused(untrusted.read_yaml, tmp_path / "a.yaml", "a: must be given once")
+
+
 def test_a_log_may_end_in_the_middle_of_a_row(tmp_path):
     (tmp_path / "a.csv").write_text("a,b\n1,2\n3,")
     assert untrusted.read_table(tmp_path / "a.csv", REMEDY, is_log=True) == [{"a": "1", "b": "2"}]

@@ -7,6 +7,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from navrl.factory.overrides import check_keys
 from navrl.factory.policy_names import check_policy_name
 
 
@@ -18,8 +19,9 @@ def checked_folder(cfg: DictConfig, live: tuple[str, ...] = ()) -> Path:
         live: Names of live topics that ``cfg.bag`` may have in place of a log.
 
     Raises:
-        ValueError: If the policy or the log does not exist.
+        ValueError: If a key has no effect, or if the policy or the log does not exist.
     """
+    check_keys(cfg, HydraConfig.get().job.config_name or "")
     check_policy_name(cfg.policy)
     if cfg.bag not in live and not Path(cfg.bag).exists():
         also = f", nor one of {', '.join(live)} for live topics" if live else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from navrl.checks import check_positive
+from navrl.checks import check_positive, is_real
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,10 @@ class ControlLimits:
         for name, value in vars(self).items():
             if name in finite:
                 check_positive(**{name: value})
-            elif value is not None and not value > 0.0:
-                raise ValueError(f"{name}={value}: must be positive")
+            elif name == "max_step_s" and value is None:
+                continue
+            elif not (is_real(value) and value > 0.0):
+                raise ValueError(f"{name}={value!r}: must be positive")
         if self.speed_scale > 1.0:
             raise ValueError(f"speed_scale={self.speed_scale}: must be in (0, 1]")
 

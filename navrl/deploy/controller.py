@@ -8,14 +8,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.control_status import Command, ControlStatus, observed
-from navrl.deploy.robot_inputs import RobotInputs, StampedScan
+from navrl.deploy.robot_inputs import RobotInputs
 from navrl.deploy.runner import PolicyRunner
 from navrl.deploy.safety import DriveState, SafetyLimits
 from navrl.deploy.scan_adapter import adapt_scan, load_scanner
@@ -103,7 +103,7 @@ class Controller:
         safety: SafetyLimits | None = None,
         **arguments: Any,
     ) -> Controller:
-        """Load a bundle; ``safety`` and further arguments are those of the runner's."""
+        """Load a bundle; folder, ``safety`` and further arguments are those of the runner's."""
         runner = PolicyRunner.from_bundle(folder, limits=safety, **arguments)
         device = load_scanner(scanner) if isinstance(scanner, str) else scanner
         return cls(runner, device, limits, compensate_motion)
@@ -144,10 +144,10 @@ class Controller:
         Raises:
             ValueError: If a value is invalid. The last scan is dropped too, so the robot stops.
         """
-        given = (angle_min, angle_increment, range_min, range_max, duration_s)
+        limits = (angle_min, angle_increment, range_min, range_max)
         with self._storing():
             waiting = self._inputs.scan
-            is_new = self._inputs.set_scan(stamp, ranges, *given)
+            is_new = self._inputs.set_scan(stamp, ranges, limits, duration_s)
             if is_new and waiting is not None and waiting.stamp > self._used_stamp:
                 self._counts["num_thinned"] += 1
             self._counts["num_rejected"] += not is_new
@@ -159,6 +159,9 @@ class Controller:
             stamp: Time of the measurement, s.
             pose: ``[3]`` (x, y, yaw), m and rad.
             velocity: ``[2]`` (v, w), m/s and rad/s.
+
+        Raises:
+            ValueError: If a value is invalid. The robot stops until the next valid odometry.
         """
         with self._storing():
             is_new = self._inputs.set_odometry(stamp, pose, velocity)
@@ -185,10 +188,7 @@ class Controller:
         """
         with self._storing():
             self._has_arrived = False
-            if path is None:
-                self._inputs.path = None
-            else:
-                self._inputs.set_path(path)
+            self._inputs.set_path(path)
 
     def emergency_stop(self) -> None:
         """Stop the robot until :meth:`release`."""
@@ -218,15 +218,20 @@ class Controller:
             now: Time, s; ticks in its past restart the controller, as a simulation does.
 
         Returns:
-            (v, w, state), zero unless the state is ``DRIVE``.
+            (v, w, state), zero unless the state is ``DRIVE``; of a time that is not finite, too.
+
+        Raises:
+            ValueError: If ``now`` is not a number.
         """
+        if not isinstance(now, SupportsFloat):
+            raise ValueError(f"now={now!r}: must be a number (s)")
         with self._tick_lock:
             with self._lock:
                 duration = self._advance_clock(now)
                 state, reason = self._input_state(now)
                 job = self._next_step(now) if state is DriveState.DRIVE else None
             if job is not None:
-                self._decide(*job)
+                self._decide(job)
             with self._lock:
                 if state is DriveState.DRIVE:
                     state, reason = self._decision, self._reason
@@ -251,6 +256,8 @@ class Controller:
             self._used_stamp, self._now, self._last = -math.inf, now, (0.0, 0.0)
         duration = min(max(now - self._now, 0.0), self.max_step_s)
         self._now = max(now, self._now)
+        ahead = self._inputs.drop_future(now, self.limits.max_clock_skew_s)
+        self._counts["num_rejected"] += ahead
         self._inputs.advance(now, self._last, duration)
         return duration
 
@@ -281,16 +288,9 @@ class Controller:
         velocity = inputs.motion.velocity if len(inputs.motion) else self._last
         return scan, motion, inputs.pose_at(now), inputs.path, velocity, self._last
 
-    def _decide(
-        self,
-        scan: StampedScan,
-        motion: np.ndarray | None,
-        pose: np.ndarray,
-        path: np.ndarray,
-        velocity: tuple[float, float],
-        last: tuple[float, float],
-    ) -> None:
+    def _decide(self, step: tuple[Any, ...]) -> None:
         """Run the policy; without the lock, so that inputs do not wait."""
+        scan, motion, pose, path, velocity, last = step
         self._counts["num_steps"] += 1
         try:
             adapted = adapt_scan(scan.ranges, scan.scanner, self.runner.lidar, motion)

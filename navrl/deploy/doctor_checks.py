@@ -213,6 +213,10 @@ def _poses(facts: Checked) -> Iterator[Finding]:
     if source.pose_source == "odometry":
         text = "no localization in the log: odometry is taken as the pose"
         action = "record /tf or /amcl_pose, or plan in the frame of odometry"
+        if source.has_tf:
+            frame = source.topics.global_frame
+            text += f"; tf has no transform from {frame} to {source.base_frame}"
+            action = "record tf while localization runs, or set global_frame to a frame of tf"
         yield Finding(Level.WARNING, "pose", text, action)
     elif source.pose_source == "standing":
         yield Finding(Level.WARNING, "pose", "none, the robot is taken as standing", "")

@@ -63,6 +63,13 @@ class MotionBuffer:
         while self._samples[0][0] < stamp - self.duration_s:
             self._samples.popleft()
 
+    def drop_after(self, stamp: float) -> bool:
+        """Drop the poses after a time, s; return whether there were any."""
+        count = len(self._samples)
+        while self._samples and self._samples[-1][0] > stamp:
+            self._samples.pop()
+        return len(self._samples) < count
+
     def pose_at(self, stamp: float) -> np.ndarray:
         """Return the pose ``[3]`` at a time, m and rad, float64.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from navrl.checks import checked_numbers
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
 _FIRST_TOLERANCE_M = 0.01  # of the first simplification, doubled until the path is short enough
@@ -21,7 +22,7 @@ def checked_path(path: ArrayLike, max_points: int | None = None) -> np.ndarray:
     Raises:
         ValueError: If the shape is wrong or a point is not finite.
     """
-    points = np.asarray(path, dtype=np.float64)
+    points = checked_numbers("path", path, "[P, 2] numbers (m)")
     limit = np.inf if max_points is None else max_points
     if points.ndim != 2 or points.shape[1] != 2 or not 1 <= len(points) <= limit:
         number = "at least 1" if max_points is None else f"from 1 to {max_points}"

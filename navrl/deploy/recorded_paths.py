@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from navrl.checks import check_positive
+from navrl.checks import check_positive, checked_numbers
 
 _SPACING_M = 0.05  # between points of a trajectory; nearer ones are noise of a standing robot
 
@@ -48,9 +48,11 @@ class GoalPath:
 
     def __init__(self, goal: Sequence[float]) -> None:
         """Check and store the goal."""
-        if len(goal) != 2 or not all(map(math.isfinite, goal)):
-            raise ValueError(f"goal={list(goal)}: must be 2 finite numbers (x, y) in m")
-        self._goal, self._is_given = np.array(goal, dtype=np.float64), False
+        allowed = "2 finite numbers (x, y) in m"
+        found = checked_numbers("goal", goal, allowed)
+        if found.shape != (2,) or not np.isfinite(found).all():
+            raise ValueError(f"goal={found.tolist()}: must be {allowed}")
+        self._goal, self._is_given = found, False
 
     def path_at(self, now: float, pose: np.ndarray | None) -> np.ndarray | None:
         """Return the path once, when the first pose is known."""

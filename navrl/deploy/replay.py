@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -115,8 +116,12 @@ class Replay:
         self._counts = (0, 0)
 
     def ticks(self) -> Iterator[ReplayedTick]:
-        """Yield the state after each tick."""
-        first, count = None, 0
+        """Yield the state after each tick.
+
+        Raises:
+            ValueError: If the log ends before the start.
+        """
+        first, count, now = None, 0, -math.inf
         for now, message in self._timed(self.source.messages()):
             if first is None:
                 if not isinstance(message, LoggedScan):
@@ -129,6 +134,12 @@ class Replay:
                 yield self._tick(first, count)
                 count += 1
             self._give(message)
+        if first is not None and first > now:
+            length = now - first + self.start_s
+            raise ValueError(
+                f"start_s={self.start_s:g}: must be below {length:.1f} s, the length of the log "
+                "after its first scan"
+            )
         if first is not None:
             yield self._tick(first, count)
 
@@ -160,7 +171,8 @@ class Replay:
             elif isinstance(message, LoggedPath) and self.plan.reads_topic:
                 control.on_path(message.points if len(message.points) else None)
         except ValueError as error:
-            self.rejected[str(error)] += 1
+            reason = re.sub(r"^stamp=[^:]*: (.*), which.*", r"stamp: \1", str(error))  # one for all
+            self.rejected[reason] += 1
 
     def _tick(self, first: float, count: int) -> ReplayedTick:
         now = first + count * self.tick_s

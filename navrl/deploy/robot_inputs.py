@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from navrl.checks import checked_numbers, checked_pose, is_finite
 from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.motion_buffer import MotionBuffer, composed_pose, driven_pose, relative_pose
 from navrl.deploy.paths import simplified_path
-from navrl.deploy.safety import DriveState, checked_pose
+from navrl.deploy.safety import DriveState
 from navrl.ops.scanner import Scanner
 
+_MAX_AHEAD_S = 1.0  # from the last tick to a stamp; more is a wrong clock, or a jump of all clocks
 _MIN_EQUAL = 3  # scans; two equal ones may be one message that was received twice
+
+ScanLimits: TypeAlias = tuple[float | None, float | None, float | None, float | None]
+"""Smallest angle and increment, rad, smallest and largest range, m; None for the scanner's."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,9 @@ class StampedScan:
 class RobotInputs:
     """Inputs of a controller; not thread-safe, the controller holds its lock.
 
-    A value that is refused also drops the one before it, so that a broken source stops the robot.
+    A value that is refused also drops the one before it, so that a broken source stops the robot;
+    of odometry, the motion until then is retained. A stamp more than 1 s after the last tick is
+    refused; one that is in the future of a tick is dropped there, so that later ones are used.
 
     Args:
         scanner: Mount and readings of the lidar; angles of scans that come without.
@@ -58,12 +68,16 @@ class RobotInputs:
         self._pose: tuple[float, np.ndarray] | None = None
         self._map_from_odometry: np.ndarray | None = None
         self._unchanged_since, self._num_equal = -math.inf, 0
+        self._now = -math.inf  # the last tick
+        self._refused: dict[str, str] = {}  # reason by kind, until the next usable value
 
     def clear(self) -> None:
         """Drop all values but the path."""
         self.odometry.clear()
         self.commanded.clear()
         self.scan = self._pose = self._map_from_odometry = None
+        self._now = -math.inf
+        self._refused.clear()
 
     @property
     def motion(self) -> MotionBuffer:
@@ -74,64 +88,121 @@ class RobotInputs:
         self,
         stamp: float,
         ranges: ArrayLike,
-        angle_min: float | None,
-        angle_increment: float | None,
-        range_min: float | None,
-        range_max: float | None,
+        limits: ScanLimits,
         duration_s: float | None,
     ) -> bool:
         """Store a scan if it is newer than the last one; return whether it is stored."""
         before, self.scan = self.scan, None
-        check_stamp(stamp)
-        readings = np.array(ranges, dtype=np.float64)  # a copy: drivers reuse their buffers
-        if readings.ndim != 1 or not len(readings):
-            raise ValueError(f"ranges.shape={list(readings.shape)}: must be [beams], at least 1")
-        limits = (angle_min, angle_increment, range_min, range_max)
-        scanner = self.scanner.of_scan(len(readings), *limits)
-        duration = scanner.revolution_s if duration_s is None else float(duration_s)
-        if not 0.0 <= duration < math.inf:
-            raise ValueError(f"duration_s={duration}: must be finite and >= 0")
+        with self._noting("scan"):
+            found = self._checked_scan(stamp, ranges, limits, duration_s)
         if before is not None and stamp <= before.stamp:
             self.scan = before
             return False
         self._num_equal += 1
-        if before is None or not np.array_equal(readings, before.ranges, equal_nan=True):
+        if before is None or not np.array_equal(found.ranges, before.ranges, equal_nan=True):
             self._unchanged_since, self._num_equal = stamp, 1
-        self.scan = StampedScan(float(stamp), readings, scanner, duration)
+        self.scan = found
+        self._refused.pop("scan", None)
         return True
+
+    def _checked_scan(
+        self,
+        stamp: float,
+        ranges: ArrayLike,
+        limits: ScanLimits,
+        duration_s: float | None,
+    ) -> StampedScan:
+        self._check_stamp(stamp)
+        readings = checked_numbers("ranges", ranges, "[beams] numbers (m)")  # copy: buffers change
+        if readings.ndim != 1 or not len(readings):
+            raise ValueError(f"ranges.shape={list(readings.shape)}: must be [beams], at least 1")
+        scanner = self.scanner.of_scan(len(readings), *limits)
+        duration = scanner.revolution_s if duration_s is None else duration_s
+        if not (is_finite(duration) and duration >= 0.0):
+            raise ValueError(f"duration_s={duration!r}: must be finite and >= 0")
+        return StampedScan(float(stamp), readings, scanner, float(duration))
 
     def set_odometry(self, stamp: float, pose: ArrayLike, velocity: ArrayLike) -> bool:
         """Store odometry if it is newer than the last one; return whether it is stored."""
-        check_stamp(stamp)
-        v, w = np.asarray(velocity, dtype=np.float64).tolist()
-        values = checked_pose(pose)
-        if not (math.isfinite(v) and math.isfinite(w)):
-            raise ValueError(f"velocity={[v, w]}: must be 2 finite numbers (v, w)")
+        with self._noting("odometry"):
+            self._check_stamp(stamp)
+            allowed = "2 finite numbers (v, w)"
+            speeds = checked_numbers("velocity", velocity, allowed)
+            if speeds.shape != (2,) or not np.isfinite(speeds).all():
+                raise ValueError(f"velocity={speeds.tolist()}: must be {allowed}")
+            values = checked_pose("pose", pose)
+        v, w = speeds.tolist()
         is_newer = stamp > self.odometry.stamp
         if not len(self.odometry):
             self._map_from_odometry = None  # it was that of the commands
         self.odometry.add(float(stamp), values, (v, w))
+        if is_newer:
+            self._refused.pop("odometry", None)
         return is_newer
 
     def set_pose(self, stamp: float, pose: ArrayLike) -> bool:
         """Store a pose unless it is older than the last one; return whether it is stored."""
         before, self._pose = self._pose, None
-        check_stamp(stamp)
-        values = checked_pose(pose)
+        with self._noting("pose"):
+            self._check_stamp(stamp)
+            values = checked_pose("pose", pose)
         if before is not None and stamp < before[0]:
             self._pose = before
             return False
         self._pose, self._map_from_odometry = (float(stamp), values), None
+        self._refused.pop("pose", None)
         return True
 
-    def set_path(self, path: ArrayLike) -> None:
-        """Store a path of any length."""
+    @contextmanager
+    def _noting(self, kind: str) -> Iterator[None]:
+        """Note why a value of a kind is refused."""
+        try:
+            yield
+        except ValueError as error:
+            self._refused[kind] = f"{kind} refused: {error}"
+            raise
+
+    def _check_stamp(self, stamp: float) -> None:
+        """Check that a time is finite and not far ahead of the last tick.
+
+        Raises:
+            ValueError: If it is not.
+        """
+        if not is_finite(stamp):
+            raise ValueError(f"stamp={stamp!r}: must be finite (s)")
+        if math.isfinite(self._now) and stamp > self._now + _MAX_AHEAD_S:
+            raise ValueError(
+                f"stamp={stamp:.3f}: must be at most {_MAX_AHEAD_S:g} s after the last tick, which "
+                f"was at {self._now:.3f} s"
+            )
+
+    def drop_future(self, now: float, skew: float) -> int:
+        """Drop values that are stamped more than ``skew`` after ``now``, s; return their number."""
+        last = now + skew
+        stamps = {"odometry": self.odometry.stamp}
+        if self.scan is not None:
+            stamps["scan"] = self.scan.stamp
+        if self._pose is not None:
+            stamps["pose"] = self._pose[0]
+        ahead = {kind: stamp for kind, stamp in stamps.items() if stamp > last}
+        for kind, stamp in ahead.items():
+            self._refused[kind] = f"{kind} stamped {stamp - now:.2f} s in the future"
+        self.odometry.drop_after(last)
+        self.scan = None if "scan" in ahead else self.scan
+        self._pose = None if "pose" in ahead else self._pose
+        return len(ahead)
+
+    def set_path(self, path: ArrayLike | None) -> None:
+        """Store a path of any length; ``None`` drops the last one."""
         self.path = None
+        if path is None:
+            return
         self.path = simplified_path(path)
         self.path_count += 1
 
     def advance(self, now: float, command: tuple[float, float], duration: float) -> None:
         """Integrate a command (v, w) that was held for ``duration`` until ``now``, s."""
+        self._now = now
         moved = self.commanded
         pose = moved.pose_at(moved.stamp) if len(moved) else np.zeros(3)
         moved.add(now, driven_pose(pose, command, duration), command)
@@ -145,14 +216,12 @@ class RobotInputs:
             return DriveState.NO_PATH, "no path"
         age = self.scan_age(now)
         if not age <= limits.scan_timeout_s or not math.isfinite(now):
-            return DriveState.STALE_SCAN, f"last scan {age:.2f} s old"
-        if age < -limits.max_clock_skew_s - (self.scan.duration_s if self.scan else 0.0):
-            return DriveState.STALE_SCAN, f"scan stamped {-age:.2f} s in the future"
+            return DriveState.STALE_SCAN, self._refused.get("scan", f"last scan {age:.2f} s old")
         age, localized = self.pose_age(now)
         if not age <= limits.pose_timeout_s or not localized <= limits.localization_timeout_s:
-            return DriveState.STALE_POSE, f"last pose {localized:.2f} s, odometry {age:.2f} s old"
-        if min(age, localized) < -limits.max_clock_skew_s:
-            return DriveState.STALE_POSE, "pose or odometry stamped in the future"
+            reason = f"last pose {localized:.2f} s, odometry {age:.2f} s old"
+            refused = self._refused.get("pose", self._refused.get("odometry", reason))
+            return DriveState.STALE_POSE, refused
         if self.is_frozen(limits.frozen_motion):
             return DriveState.BLIND, "the lidar repeats one scan although the robot moves"
         return DriveState.DRIVE, ""
@@ -185,6 +254,8 @@ class RobotInputs:
         if self._pose is None:
             return math.inf, math.inf
         age = now - self._pose[0]
+        if "odometry" in self._refused:
+            return math.inf, age
         return (now - self.odometry.stamp if len(self.odometry) else age), age
 
     def scan_motion(self, now: float) -> np.ndarray | None:
@@ -204,13 +275,3 @@ class RobotInputs:
             self.odometry.pose_at(self._unchanged_since), self.odometry.pose_at(scan.stamp)
         )
         return math.hypot(moved[0], moved[1]) > distance or abs(moved[2]) > distance
-
-
-def check_stamp(stamp: float) -> None:
-    """Check that a time is finite.
-
-    Raises:
-        ValueError: If it is not.
-    """
-    if not math.isfinite(stamp):
-        raise ValueError(f"stamp={stamp}: must be finite (s)")

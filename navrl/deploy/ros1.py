@@ -20,7 +20,14 @@ from navrl.deploy.ros_bridge import (
     fill_path,
     fill_twist,
 )
-from navrl.deploy.ros_parameters import PARAMETERS, check_parameters, make_controller, make_planner
+from navrl.deploy.ros_parameters import (
+    PARAMETERS,
+    checked_parameters,
+    make_controller,
+    make_planner,
+    ready_line,
+    unknown_parameters,
+)
 
 _STOP_MESSAGES, _STOP_PAUSE_S = 5, 0.02
 _DEFAULTS = {**PARAMETERS, "goal_topic": "move_base_simple/goal"}  # that of RViz of ROS 1
@@ -45,9 +52,11 @@ class PolicyNode:
         from std_msgs.msg import Bool
 
         self.rospy = rospy
-        self.values = {k: rospy.get_param(f"~{k}", v) for k, v in _DEFAULTS.items()}
+        values = {k: rospy.get_param(f"~{k}", v) for k, v in _DEFAULTS.items()}
+        for line in unknown_parameters(rospy.get_param("~", {})):
+            rospy.logwarn(line)
+        self.values = checked_parameters(values, ("amcl_pose", "odometry"))
         source, mount = self.values["pose_source"], tuple(self.values["mount"])
-        check_parameters(self.values, ("amcl_pose", "odometry"))
         if any(map(math.isnan, mount)):
             raise ValueError("mount: must be three numbers (x, y, yaw) in ROS 1")
         self.control = make_controller(self.values, mount)
@@ -70,6 +79,7 @@ class PolicyNode:
         if source == "amcl_pose":
             kind = PoseWithCovarianceStamped
             listen(topic("pose_topic"), kind, bridge.on_pose, queue_size=1)
+        rospy.loginfo(ready_line(self.values, mount))
 
     def _listen_for_paths(self) -> None:
         """Subscribe to paths, or to a map and goals; then the paths are published."""

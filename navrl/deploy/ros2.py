@@ -25,7 +25,14 @@ from navrl.deploy.ros_bridge import (
     fill_twist,
 )
 from navrl.deploy.ros_markers import attention_spheres, group_arrows
-from navrl.deploy.ros_parameters import PARAMETERS, check_parameters, make_controller, make_planner
+from navrl.deploy.ros_parameters import (
+    PARAMETERS,
+    checked_parameters,
+    make_controller,
+    make_planner,
+    ready_line,
+    unknown_parameters,
+)
 from navrl.worlds.places.occupancy_map import planar_yaw
 
 _STOP_MESSAGES = 5  # best-effort links lose some
@@ -92,9 +99,15 @@ class PolicyNode:
         ]
 
     def _declared(self) -> dict[str, Any]:
-        values = {k: self.node.declare_parameter(k, v).value for k, v in PARAMETERS.items()}
-        check_parameters(values, ("tf", "amcl_pose", "odometry"))
-        return values
+        from rcl_interfaces.msg import ParameterDescriptor
+
+        free = ParameterDescriptor(dynamic_typing=True)  # an integer may stand for a float
+        declare = self.node.declare_parameter
+        values = {k: declare(k, v, free).value for k, v in PARAMETERS.items()}
+        given = getattr(self.node, "_parameter_overrides", {})  # rclpy has no public name for it
+        for line in unknown_parameters({k: each.value for k, each in given.items()}):
+            self.node.get_logger().warning(line)
+        return checked_parameters(values, ("tf", "amcl_pose", "odometry"))
 
     def _needs_tf(self) -> bool:
         return self.values["pose_source"] == "tf" or any(map(math.isnan, self.values["mount"]))
@@ -124,6 +137,7 @@ class PolicyNode:
             self.control.emergency_stop()
         for name, message in self._latest.items():
             getattr(self.bridge, name)(message)
+        self.node.get_logger().info(ready_line(self.values, mount))
 
     # --- inputs ----------------------------------------------------------------------------------
 
@@ -253,7 +267,7 @@ class PolicyNode:
 
         stamp, frame = self.node.get_clock().now().to_msg(), self.values["robot_base_frame"]
         shapes = (*attention_spheres(status), *group_arrows(status))
-        message = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+        markers = [Marker(action=Marker.DELETEALL)]
         for index, shape in enumerate(shapes):
             marker = Marker(id=index, ns=shape.kind, type=shape.code)
             marker.header.frame_id, marker.header.stamp = frame, stamp
@@ -261,8 +275,8 @@ class PolicyNode:
             marker.scale.x, marker.scale.y, marker.scale.z = shape.size
             marker.color.r, marker.color.g, marker.color.b, marker.color.a = shape.color
             marker.points = [Point(x=float(x), y=float(y)) for x, y in shape.points]
-            message.markers.append(marker)
-        publisher.publish(message)
+            markers.append(marker)
+        publisher.publish(MarkerArray(markers=markers))
 
 
 def _end_if(stopping: threading.Event) -> None:
@@ -273,7 +287,7 @@ def _end_if(stopping: threading.Event) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; zero is published at the end, also of an exception."""
     import rclpy
-    from rclpy.clock import Clock, ClockType
+    from rclpy.clock import Clock, ClockType  # pyright: ignore[reportPrivateImportUsage] -- Humble
     from rclpy.signals import SignalHandlerOptions
 
     # rclpy's own handler shuts the context down before the last zero could be published

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from navrl.checks import checked_numbers, checked_pose
 from navrl.deploy.control_limits import ControlLimits
 from navrl.deploy.controller import Controller
 from navrl.deploy.map_planner import MapPlanner
 from navrl.deploy.safety import SafetyLimits
 from navrl.deploy.scan_adapter import load_scanner
 from navrl.policies.names import bundle_folder
+
+_T = TypeVar("_T")
 
 PARAMETERS: dict[str, Any] = {
     "policy": "navrl-best-deployed",
@@ -61,28 +64,112 @@ PARAMETERS: dict[str, Any] = {
 
 
 _MIN_FREQUENCY_HZ = 10.0  # so that the robot stops within 0.1 s
+_NO_REVERSE = 1e-9  # m/s, a limit must be positive
+_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")  # of each node
+_LIMITS = {
+    "scan_timeout_s": "scan_timeout",
+    "pose_timeout_s": "pose_timeout",
+    "max_clock_skew_s": "transform_tolerance",
+    "speed_scale": "speed_scale",
+    "max_speed": "max_vel_x",
+    "max_reverse_speed": "min_vel_x",
+    "max_turn_rate": "max_vel_theta",
+    "linear_acceleration": "acc_lim_x",
+    "linear_deceleration": "decel_lim_x",
+    "angular_acceleration": "acc_lim_theta",
+}  # arguments of ControlLimits
+_SAFETY = {
+    "goal_radius": "xy_goal_tolerance",
+    "max_path_distance": "max_path_distance",
+    "min_measured_share": "min_measured_share",
+}  # arguments of SafetyLimits
 
 
-def check_parameters(parameters: dict[str, Any], sources: tuple[str, ...]) -> None:
-    """Check the sources of pose and path, and the frequency.
+def checked_parameters(given: Mapping[str, Any], sources: tuple[str, ...]) -> dict[str, Any]:
+    """Return the parameters of a node by name, integers in place of floats converted.
 
     Args:
-        parameters: Values of :data:`PARAMETERS`.
+        given: Values of :data:`PARAMETERS`.
         sources: Values of ``pose_source`` that the node has.
 
     Raises:
         ValueError: If a parameter is not allowed; the message names it.
     """
-    source, frequency = parameters["pose_source"], parameters["controller_frequency"]
+    values = {name: _typed(name, given[name], default) for name, default in PARAMETERS.items()}
+    source, frequency, mount = (
+        values[name] for name in ("pose_source", "controller_frequency", "mount")
+    )
     if source not in sources:
         raise ValueError(f"pose_source={source}: must be one of {', '.join(sources)}")
-    if parameters["path_source"] not in ("plan", "map"):
-        raise ValueError(f"path_source={parameters['path_source']}: must be one of plan, map")
+    if values["path_source"] not in ("plan", "map"):
+        raise ValueError(f"path_source={values['path_source']}: must be one of plan, map")
     if not frequency >= _MIN_FREQUENCY_HZ:
         raise ValueError(
             f"controller_frequency={frequency}: must be at least {_MIN_FREQUENCY_HZ:g} Hz, so that "
             "the robot stops within 0.1 s"
         )
+    if len(mount) != 3 or not any(map(math.isnan, mount)):
+        checked_pose("mount", mount)
+    low, high = values["free_thresh"], values["occupied_thresh"]
+    if not 0.0 <= low < high <= 1.0:
+        raise ValueError(f"free_thresh={low}: must be in 0 to below occupied_thresh={high}")
+    return values
+
+
+def _typed(name: str, value: Any, default: Any) -> Any:
+    """Return a value of the type of the parameter's default."""
+    if isinstance(default, list):
+        allowed = "a list of numbers"
+        numbers = checked_numbers(name, value, allowed)
+        if numbers.ndim != 1:
+            raise ValueError(f"{name}={numbers.tolist()}: must be {allowed}")
+        return numbers.tolist()
+    if isinstance(default, float):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{name}={value!r}: must be a number")
+        return float(value)
+    if not isinstance(value, type(default)):
+        allowed = "true or false" if isinstance(default, bool) else "text"
+        raise ValueError(f"{name}={value!r}: must be {allowed}")
+    return value
+
+
+def unknown_parameters(given: Mapping[str, Any]) -> list[str]:
+    """Return a line for each parameter that has no effect, with the nearest known ones.
+
+    Args:
+        given: Values of the command line or launch file by name.
+
+    Example:
+        >>> unknown_parameters({"policy": "paper", "max_vel_y": 0.5})  # doctest: +ELLIPSIS
+        ['max_vel_y=0.5: no effect, the node has no such parameter; did you mean max_vel_x or ...']
+    """
+    from navrl.config import did_you_mean
+
+    return [
+        f"{name}={value}: no effect, the node has no such parameter{did_you_mean(name, PARAMETERS)}"
+        for name, value in given.items()
+        if name not in PARAMETERS and not name.startswith(_OF_ROS)
+    ]
+
+
+def ready_line(values: Mapping[str, Any], mount: tuple[float, float, float]) -> str:
+    """Return the line that a node logs when it can drive.
+
+    Args:
+        values: Result of :func:`checked_parameters`.
+        mount: (x, y, yaw) of the lidar in the robot frame, m and rad.
+    """
+    path = ["plan_topic"] if values["path_source"] == "plan" else ["map_topic", "goal_topic"]
+    names = ["scan_topic", "odom_topic", *path, "emergency_stop_topic"]
+    names += ["pose_topic"] if values["pose_source"] == "amcl_pose" else []
+    sent = "nothing, dry_run" if values["dry_run"] else values["cmd_vel_topic"]
+    place = ", ".join(f"{value:.3f}" for value in mount)
+    return (
+        f"ready: policy={values['policy']}, scanner={values['scanner']} at mount=[{place}], "
+        f"pose from {values['pose_source']}; listens to {', '.join(values[k] for k in names)}; "
+        f"publishes {sent}"
+    )
 
 
 def make_controller(parameters: dict[str, Any], mount: tuple[float, float, float]) -> Controller:
@@ -108,23 +195,8 @@ def make_controller(parameters: dict[str, Any], mount: tuple[float, float, float
         own_radius=float(parameters["own_radius"]),
         blind_sectors=[pair for pair in sectors.reshape(-1, 2).tolist() if pair[1] > 0.0],
     )
-    limits = ControlLimits(
-        scan_timeout_s=parameters["scan_timeout"],
-        pose_timeout_s=parameters["pose_timeout"],
-        max_clock_skew_s=parameters["transform_tolerance"],
-        speed_scale=parameters["speed_scale"],
-        max_speed=parameters["max_vel_x"],
-        max_reverse_speed=abs(parameters["min_vel_x"]) or 1e-9,
-        max_turn_rate=parameters["max_vel_theta"],
-        linear_acceleration=parameters["acc_lim_x"],
-        linear_deceleration=abs(parameters["decel_lim_x"]),
-        angular_acceleration=parameters["acc_lim_theta"],
-    )
-    safety = SafetyLimits(
-        goal_radius=parameters["xy_goal_tolerance"],
-        max_path_distance=parameters["max_path_distance"],
-        min_measured_share=parameters["min_measured_share"],
-    )
+    limits = _named(ControlLimits, _LIMITS, parameters)
+    safety = _named(SafetyLimits, _SAFETY, parameters)
     control = Controller.from_bundle(
         folder,
         scanner,
@@ -135,6 +207,27 @@ def make_controller(parameters: dict[str, Any], mount: tuple[float, float, float
     )
     control.warm_up()
     return control
+
+
+def _named(kind: type[_T], names: Mapping[str, str], parameters: Mapping[str, Any]) -> _T:
+    """Return limits by the node's names of their arguments.
+
+    Raises:
+        ValueError: If a limit is out of range; the message names the parameter.
+    """
+    values = {own: float(parameters[name]) for own, name in names.items()}
+    for own in {"max_reverse_speed", "linear_deceleration"} & values.keys():
+        values[own] = abs(values[own])  # negative in ROS
+    if values.get("max_reverse_speed") == 0.0:
+        values["max_reverse_speed"] = _NO_REVERSE
+    try:
+        return kind(**values)
+    except ValueError as error:
+        own, _, rest = str(error).partition("=")
+        if own not in names:
+            raise
+        value, allowed = parameters[names[own]], rest.partition(": ")[2]
+        raise ValueError(f"{names[own]}={value}: {allowed}") from error
 
 
 def make_planner(

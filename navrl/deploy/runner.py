@@ -15,20 +15,20 @@ from torch import Tensor
 from torchrl.envs import ActionScaling, Transform, TransformedEnv
 
 from navrl import keys
-from navrl.checks import check_positive
+from navrl.checks import check_positive, checked_numbers, checked_pose
 from navrl.deploy.actor_call import ActorCall
 from navrl.deploy.paths import checked_path, start_progress
 from navrl.deploy.safety import (
     DriveState,
     SafetyLimits,
     ScanCheck,
-    checked_pose,
     path_state,
     safe_command,
 )
 from navrl.deploy.sensor_env import SensorEnv, checked_rows, read_keys, waypoint_steps
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
+from navrl.policies.names import bundle_folder
 from navrl.sim import Delays, Lidar, RobotModel
 from navrl.transforms import Base
 from navrl.transforms.min_pool import check_lidar
@@ -120,10 +120,10 @@ class PolicyRunner:
         delays: Delays | None = None,
         with_attention: bool = False,
     ) -> PolicyRunner:
-        """Load a bundle: one of the zoo, or the folder ``policy`` of a training run.
+        """Load a bundle: one of the zoo, or that of a training run.
 
         Args:
-            folder: Folder of the bundle.
+            folder: Folder of the bundle or training run, or a name of the zoo, e.g. ``paper``.
             allow: See :func:`navrl.policies.load_bundle`.
             limits: See :class:`PolicyRunner`.
             delays: See :class:`PolicyRunner`.
@@ -132,7 +132,7 @@ class PolicyRunner:
         Raises:
             BundleError: If the bundle is damaged or not allowed.
         """
-        bundle = load_bundle(folder, allow)
+        bundle = load_bundle(bundle_folder(str(folder)) or folder, allow)
         transforms, lidar, robot = map(bundle.build, ("transforms", "lidar", "robot"))
         actor = bundle.actor_with_attention() if with_attention else bundle.actor
         return cls(
@@ -293,7 +293,7 @@ class PolicyRunner:
                 f"ranges.shape={list(ranges.shape)}: must be [{self.num_beams}]; "
                 "navrl.deploy.adapt_scan reads the scans of other lidars"
             )
-        pose, path = checked_pose(pose), checked_path(path, MAX_PATH_POINTS)
+        pose, path = checked_pose("pose", pose), checked_path(path, MAX_PATH_POINTS)
         whole = np.concatenate([path, np.repeat(path[-1:], MAX_PATH_POINTS - len(path), axis=0)])
         measured = self._scan_check.usable(ranges)
         ranges = self._scan_check.cleaned(ranges)
@@ -304,6 +304,7 @@ class PolicyRunner:
 
 
 def _single(values: ArrayLike) -> np.ndarray:
-    """Convert ``values`` to float32; too large values become infinite."""
+    """Convert ranges to float32; too large values become infinite."""
+    numbers = checked_numbers("ranges", values, "[beams] numbers (m)")
     with np.errstate(over="ignore"):
-        return np.asarray(values, dtype=np.float32)
+        return numbers.astype(np.float32)

@@ -12,13 +12,11 @@ from enum import StrEnum
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
 
+from navrl.checks import check_angles, is_real
 from navrl.ops.beams import RETURN_MARGIN_M
 from navrl.ops.path import project_onto_path
 from navrl.sim import Lidar, RobotModel
-
-_MAX_YAW = 2.0 * math.pi  # rad; an angle in degrees exceeds it within a few degrees of turning
 
 
 class DriveState(StrEnum):
@@ -83,9 +81,13 @@ class SafetyLimits:
     sensor_range: float = 100.0
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not is_real(value):
+                raise ValueError(f"{name}={value!r}: must be a number")
         for name in ("max_path_distance", "sector", "sensor_range"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}={getattr(self, name)}: must be positive")
+        check_angles(max_gap=self.max_gap, sector=self.sector)
         for name in ("goal_radius", "max_gap"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name}={getattr(self, name)}: must be >= 0")
@@ -196,21 +198,6 @@ def path_state(pose: np.ndarray, path: np.ndarray, limits: SafetyLimits) -> Driv
         segments = torch.from_numpy(segments.astype(np.float32))
     distance = float(project_onto_path(segments, segments.new_zeros(2)).distance)
     return DriveState.DRIVE if distance <= limits.max_path_distance else DriveState.OFF_PATH
-
-
-def checked_pose(pose: ArrayLike) -> np.ndarray:
-    """Return a pose as ``[3]`` float64 (x, y, yaw), m and rad.
-
-    Raises:
-        ValueError: If it is not three finite numbers, or if the yaw is beyond a full circle to
-            either side, as one in degrees is.
-    """
-    values = np.asarray(pose, dtype=np.float64)
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise ValueError(f"pose={values.tolist()}: must be 3 finite numbers (x, y, yaw)")
-    if not abs(values[2]) <= _MAX_YAW:
-        raise ValueError(f"pose: yaw={values[2]:g}: must be in rad, wrapped to [-2 pi, 2 pi]")
-    return values
 
 
 def safe_command(command: np.ndarray, robot: RobotModel) -> np.ndarray | None:

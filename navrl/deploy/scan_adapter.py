@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
+from navrl.checks import checked_numbers
 from navrl.ops import scan_adapter
 from navrl.ops.scan_layout import ScanLayout
 from navrl.ops.scanner import BeamState, Scanner
@@ -51,13 +53,12 @@ def adapt_scan(
         >>> scan.ranges.shape, float(scan.ranges[0])
         ((1440,), 2.0)
     """
-    with np.errstate(over="ignore"):
-        readings = np.asarray(ranges, dtype=np.float64)
+    readings = checked_numbers("ranges", ranges, "[beams] numbers (m)")
     if readings.ndim != 1:
         raise ValueError(f"ranges.shape={list(readings.shape)}: must be [beams]")
     motion = None
     if scan_motion is not None:
-        motion = torch.tensor(np.asarray(scan_motion, dtype=np.float64))
+        motion = torch.tensor(checked_numbers("scan_motion", scan_motion, "[2, 3] finite numbers"))
         if not motion.isfinite().all():
             raise ValueError("scan_motion: must be finite")
     target = ScanLayout(
@@ -77,14 +78,20 @@ def load_scanner(name: str = "any", **changes: object) -> Scanner:
         changes: Arguments of :class:`Scanner` with other values, e.g. ``mount``.
 
     Raises:
-        ValueError: If there is no such lidar.
+        ValueError: If there is no such lidar, or a change is invalid; the message names it.
 
     Example:
         >>> load_scanner("rplidar_a1", mount=(0.1, 0.0, np.pi)).range_max
         12.0
     """
-    from navrl.config import compose, instantiate, options
+    from navrl.config import compose, did_you_mean, instantiate, options
 
     if name not in options("scanner"):
         raise ValueError(f"scanner={name!r}: must be one of {', '.join(options('scanner'))}")
-    return instantiate(compose(None, [f"+scanner={name}"]).scanner, **changes)
+    scanner = instantiate(compose(None, [f"+scanner={name}"]).scanner)
+    known = [each.name for each in fields(scanner)]
+    for key, value in changes.items():
+        if key not in known:
+            near = did_you_mean(key, known)
+            raise ValueError(f"{key}={value!r}: must be one of {', '.join(known)}{near}")
+    return replace(scanner, **changes)

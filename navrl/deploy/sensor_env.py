@@ -14,6 +14,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import Compose, EnvBase, Transform
 
 from navrl import keys
+from navrl.checks import checked_numbers
 from navrl.sim import Lidar, RobotModel
 from navrl.transforms import Base, Waypoints
 from navrl.worlds.scenario import MAX_PATH_POINTS
@@ -48,10 +49,13 @@ def checked_rows(
     """
     values = {}
     for name, (value, shape) in given.items():
-        row = np.zeros(shape, np.float32) if value is None else np.asarray(value, np.float32)
+        allowed = f"{list(shape)} finite numbers"
+        row = np.zeros(shape) if value is None else checked_numbers(name, value, allowed)
+        with np.errstate(over="ignore"):
+            row = row.astype(np.float32)
         if row.shape != shape or not np.isfinite(row).all():
-            raise ValueError(f"{name}: must be {list(shape)} finite numbers, got {value}")
-        values[name] = torch.from_numpy(row.copy()).unsqueeze(0)
+            raise ValueError(f"{name}={row.tolist()}: must be {allowed}")
+        values[name] = torch.from_numpy(row).unsqueeze(0)
     return values
 
 

@@ -157,7 +157,7 @@ class OnnxPolicy:
         """Return a path that repeats its last point."""
         path = np.asarray(path, np.float64)
         num_points = self._zeros["path"].shape[1] if "path" in self._zeros else len(path)
-        if path.ndim != 2 or not 1 <= len(path) <= num_points:
+        if path.ndim != 2 or path.shape[1] != 2 or not 1 <= len(path) <= num_points:
             raise ValueError(f"path.shape={path.shape}: must be [P, 2], P from 1 to {num_points}")
         return np.concatenate([path, np.repeat(path[-1:], num_points - len(path), axis=0)])
 

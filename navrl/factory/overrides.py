@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from navrl.config import check_types, compose, compose_or_name, instantiate
+from navrl.config import check_types, compose, compose_or_name, did_you_mean, instantiate
 from navrl.deprecation import present_key
 from navrl.evaluation.kept import KEPT
 from navrl.factory.perturbation import check_perturbation
@@ -157,6 +157,25 @@ def check_drawing(cfg: DictConfig) -> None:
         raise ValueError(
             f"{key}={value}: no effect with recording={cfg.recording}, which is drawn as it is"
         )
+
+
+def check_keys(cfg: DictConfig, config_name: str) -> None:
+    """Check that the command knows each outermost key, one that was added with ``+`` too.
+
+    Args:
+        cfg: A composed configuration.
+        config_name: Primary config, e.g. ``doctor``.
+
+    Raises:
+        ValueError: If a key is unknown; the message has the nearest ones.
+    """
+    known = [str(key) for key in compose(config_name)]
+    for key in map(str, cfg):
+        if key not in known:
+            near = did_you_mean(key, known)
+            raise ValueError(
+                f"{key}={cfg[key]}: no effect, navrl-{config_name} has no such key{near}"
+            )
 
 
 def check_measured(overrides: Iterable[str]) -> None:

@@ -36,26 +36,41 @@ def perturbed_parts(cfg: DictConfig) -> dict[str, Any]:
     }
 
 
-def with_policy_beams(parts: Mapping[str, Any], perturbed: dict[str, Any]) -> dict[str, Any]:
-    """Return ``perturbed`` with the beams of the policy as those of a ScanAdapter, if any.
+def with_policy_beams(
+    cfg: DictConfig, parts: Mapping[str, Any], change: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the :func:`perturbed_parts`, a ScanAdapter among them with the policy's beams.
 
     The adapter writes keys of its own, which the poolings of raw scans read instead; the raw scans
-    remain those of the lidar.
+    remain those of the lidar, whose changes its scanner follows.
 
     Args:
+        cfg: A composed configuration.
         parts: Nodes of the policy, with its ``lidar`` and ``transforms``.
-        perturbed: Result of :func:`perturbed_parts`.
+        change: Changes of the parts, which are merged later.
+
+    Raises:
+        ValueError: If the policy has a ScanAdapter of its own.
     """
+    perturbed = perturbed_parts(cfg)
     steps = perturbed.get("transforms", {})
     if "scan_adapter" not in steps:
         return perturbed
     lidar = parts["lidar"]
     layout = {name: lidar[name] for name in _LAYOUT if name in lidar}  # others as by default
     nodes = {name: step for name, step in parts["transforms"].items() if isinstance(step, Mapping)}
+    for name, step in nodes.items():
+        if step.get("_target_") == steps["scan_adapter"]["_target_"]:
+            raise ValueError(
+                f"perturbation={cfg.perturbation.name}: must be none or no lidar for "
+                f"policy={cfg.policy}, whose transforms.{name} adapts the scans of another lidar"
+            )
     own = {name: _adapted(step, layout) for name, step in nodes.items()}
     own = {name: values for name, values in own.items() if values}
     adapter = {**steps["scan_adapter"], **layout, "max_range": lidar["max_range"]}
-    adapter["scanner"] = {**adapter["scanner"], "mount": layout.get("mount", (0.0, 0.0, 0.0))}
+    changed = {name: value for name, value in change.get("lidar", {}).items() if name in _LAYOUT}
+    mount = layout.get("mount", (0.0, 0.0, 0.0))
+    adapter["scanner"] = {**adapter["scanner"], "mount": mount, **changed}
     return {**perturbed, "transforms": {**own, **steps, "scan_adapter": adapter}}
 
 

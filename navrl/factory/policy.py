@@ -204,7 +204,7 @@ def with_controller(cfg: DictConfig, node: Mapping[str, Any] | None = None) -> D
 def _modified(cfg: DictConfig, parts: Mapping[str, Any]) -> DictConfig | ListConfig:
     """Return the parts modified by ``cfg.perturbation``, then by ``cfg.change``."""
     change = renamed_keys(OmegaConf.to_container(cfg.change, resolve=False))
-    perturbed = with_policy_beams(parts, perturbed_parts(cfg))
+    perturbed = with_policy_beams(cfg, parts, change)
     return _merged(cast(DictConfig, _merged(parts, perturbed)), change)
 
 

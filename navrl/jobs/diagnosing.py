@@ -17,7 +17,7 @@ from navrl.deploy.doctor_findings import VERDICTS, Checked, Finding, Level, verd
 from navrl.factory.environment import set_threads
 from navrl.files import write_json
 from navrl.jobs.evaluation import record
-from navrl.jobs.replaying import make_topics
+from navrl.jobs.replaying import make_topics, plain_list
 from navrl.jobs.run_folder import claim_folder
 from navrl.jobs.run_lock import locked
 from navrl.policies import load_bundle
@@ -52,7 +52,7 @@ def run_doctor(cfg: DictConfig, folder: Path) -> tuple[Level, list[Finding]]:
     with locked(folder), closing(_opened(cfg)) as log:
         claim_folder(cfg, folder)
         source = LogSource(log, make_topics(cfg))
-        mount = None if cfg.mount is None else list(cfg.mount)
+        mount = plain_list(cfg.mount)
         scanner, origin = source.scanner(source.first_scan(), instantiate(cfg.scanner), mount)
         measures = measure_log(source, scanner, lidar, robot)
         step, limits = bundle.config.get("time_step_s", 0.2), instantiate(cfg.limits)

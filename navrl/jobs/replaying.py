@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, ListConfig
 
 from navrl.config import instantiate
 from navrl.deploy import Controller
@@ -51,7 +51,7 @@ def run_replay(cfg: DictConfig, folder: Path) -> dict[str, Any]:
         claim_folder(cfg, folder)
         source = LogSource(log, make_topics(cfg))
         plan, path_source = _make_plan(cfg, source)
-        mount = None if cfg.mount is None else list(cfg.mount)
+        mount = plain_list(cfg.mount)
         given = instantiate(cfg.scanner)
         scanner, mount_source = source.scanner(source.first_scan(), given, mount)
         control = _make_control(cfg, scanner)
@@ -93,9 +93,14 @@ def check_replay(cfg: DictConfig) -> None:
     if cfg.path not in _PATHS:
         raise ValueError(f"path={cfg.path}: must be one of {', '.join(_PATHS)}")
     if cfg.goal is not None and cfg.path != "auto":
-        raise ValueError(f"path={cfg.path}: no effect with goal={list(cfg.goal)}")
+        raise ValueError(f"path={cfg.path}: no effect with goal={cfg.goal}")
     if bundle_folder(cfg.policy) is None:
         raise ValueError(f"policy={cfg.policy}: must be a bundle, a controller has no scan history")
+
+
+def plain_list(value: Any) -> Any:
+    """Return a list of a configuration as a plain one, and another value as it is."""
+    return list(value) if isinstance(value, ListConfig) else value
 
 
 def make_topics(cfg: DictConfig) -> Topics:
@@ -129,7 +134,8 @@ def _make_control(cfg: DictConfig, scanner: Scanner) -> Controller:
 def _make_plan(cfg: DictConfig, source: LogSource) -> tuple[PathPlan, str]:
     """Return the paths of a replay, and their source."""
     if cfg.goal is not None:
-        return GoalPath(list(cfg.goal)), f"straight to {list(cfg.goal)}"
+        goal = plain_list(cfg.goal)
+        return GoalPath(goal), f"straight to {goal}"
     if cfg.path == "topic" and source.path is None:
         raise ValueError(f"path=topic: must be in the log, {source.log.file} has no nav_msgs/Path")
     if cfg.path != "trajectory" and source.path is not None:

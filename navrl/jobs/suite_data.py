@@ -11,7 +11,7 @@ def missing_data(cfg: DictConfig) -> str | None:
     """Return why a suite of files cannot be played here; ``None`` if it can.
 
     Raises:
-        ValueError: If a suite of files has no folder.
+        ValueError: If a suite of files has no folder, or it is a file.
     """
     folder = cfg.suite.get("distribution", {}).get("folder")
     if "folder" not in cfg.suite.get("distribution", {}):
@@ -20,4 +20,6 @@ def missing_data(cfg: DictConfig) -> str | None:
         raise ValueError(f"data=null: must be a folder for suite={cfg.suite.name}, docs/places.md")
     if Path(folder).is_dir():
         return None
+    if Path(folder).exists():
+        raise ValueError(f"data={folder}: must be a folder of files, is a file")
     return f"suite={cfg.suite.name}: skipped, data={folder} does not exist"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from navrl.checks import check_counts
+from navrl.checks import check_angles, check_counts, checked_pose, is_finite
 from navrl.deprecation import renamed_attributes
 
 TWO_PI = 2.0 * math.pi
@@ -159,12 +159,19 @@ def check_layout(
     if group_size is None and num_points is None:
         raise ValueError("group_size=None: must be a number of beams unless num_points is given")
     check_counts(group_size=group_size, num_points=num_points)
-    if not math.isfinite(angle_min):
-        raise ValueError(f"angle_min={angle_min}: must be finite (rad)")
-    if angle_increment is not None and not (angle_increment and math.isfinite(angle_increment)):
-        raise ValueError(f"angle_increment={angle_increment}: must be finite and not 0 (rad)")
-    if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
-        raise ValueError(f"mount={list(mount)}: must be three finite numbers (x, y, yaw)")
+    check_scan_angles(angle_min, angle_increment)
+    checked_pose("mount", mount)
+
+
+def check_scan_angles(angle_min: float, angle_increment: float | None) -> None:
+    """Check the angles of a scan's beams.
+
+    Raises:
+        ValueError: If an angle is not in rad, or the increment is 0; the message names it.
+    """
+    check_angles(angle_min=angle_min)
+    if angle_increment is not None and not (is_finite(angle_increment) and angle_increment):
+        raise ValueError(f"angle_increment={angle_increment!r}: must be finite and not 0 (rad)")
 
 
 @functools.lru_cache(maxsize=64)

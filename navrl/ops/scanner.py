@@ -11,8 +11,16 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from navrl.checks import check_counts, check_positive
-from navrl.ops.scan_layout import TWO_PI
+from navrl.checks import (
+    check_angles,
+    check_counts,
+    check_positive,
+    checked_numbers,
+    checked_pose,
+    is_finite,
+    is_real,
+)
+from navrl.ops.scan_layout import TWO_PI, check_scan_angles
 
 __all__ = ["BeamState", "Scanner"]
 
@@ -112,28 +120,29 @@ class Scanner:
         """Check the values."""
         check_counts(num_beams=self.num_beams)
         check_positive(max_beam_width=self.max_beam_width)
-        if not math.isfinite(self.angle_min):
-            raise ValueError(f"angle_min={self.angle_min}: must be finite (rad)")
-        step = self.angle_increment
-        if step is not None and not (step and math.isfinite(step)):
-            raise ValueError(f"angle_increment={step}: must be finite and not 0 (rad)")
-        if len(self.mount) != 3 or not all(math.isfinite(value) for value in self.mount):
-            raise ValueError(f"mount={list(self.mount)}: must be three finite numbers (x, y, yaw)")
+        check_scan_angles(self.angle_min, self.angle_increment)
+        checked_pose("mount", self.mount)
+        if self.is_upside_down not in (True, False):
+            raise ValueError(f"is_upside_down={self.is_upside_down!r}: must be true or false")
         for name in ("range_min", "own_radius", "revolution_s"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name}={getattr(self, name)}: must be finite and >= 0")
-        if not self.range_max > self.range_min:
-            raise ValueError(f"range_max={self.range_max}: must be above range_min")
+            value = getattr(self, name)
+            if not (is_finite(value) and value >= 0.0):
+                raise ValueError(f"{name}={value!r}: must be finite and >= 0")
+        if not (is_real(self.range_max) and self.range_max > self.range_min):
+            raise ValueError(
+                f"range_max={self.range_max!r}: must be above range_min={self.range_min:g}"
+            )
         for name in ("zero", "positive_infinity", "negative_infinity", "nan", "below_range_min"):
-            if getattr(self, name) not in _STATES:
-                raise ValueError(
-                    f"{name}={getattr(self, name)!r}: must be one of {', '.join(_STATES)}"
-                )
-        for sector in self.blind_sectors:
-            if len(sector) != 2 or not all(math.isfinite(value) for value in sector):
-                raise ValueError(
-                    f"blind_sectors={list(self.blind_sectors)}: must be (bearing, width) in rad"
-                )
+            value = getattr(self, name)
+            if not isinstance(value, str) or value not in _STATES:
+                raise ValueError(f"{name}={value!r}: must be one of {', '.join(_STATES)}")
+        allowed = "a list of (bearing, width) in rad"
+        sectors = checked_numbers("blind_sectors", self.blind_sectors, allowed)
+        if sectors.size and (sectors.ndim != 2 or sectors.shape[1] != 2):
+            raise ValueError(f"blind_sectors={self.blind_sectors}: must be {allowed}")
+        for index, (bearing, width) in enumerate(sectors.reshape(-1, 2).tolist()):
+            name = f"blind_sectors[{index}]"
+            check_angles(**{f"{name}.bearing": bearing, f"{name}.width": width})
 
     def of_scan(
         self,
@@ -161,10 +170,10 @@ class Scanner:
         """
         given = {"angle_min": angle_min, "angle_increment": angle_increment}
         if range_min is not None:
-            given["range_min"] = max(float(range_min), self.range_min)
+            given["range_min"] = max(range_min, self.range_min) if is_real(range_min) else range_min
         if range_max is not None:
-            given["range_max"] = min(float(range_max), self.range_max)
-        made = replace(self, **{k: float(v) for k, v in given.items() if v is not None})
+            given["range_max"] = min(range_max, self.range_max) if is_real(range_max) else range_max
+        made = replace(self, **{k: v for k, v in given.items() if v is not None})
         made.increment(num_beams)
         return made
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from navrl.checks import check_positive
+from navrl.checks import check_positive, checked_pose
 from navrl.ops import se2
 from navrl.ops.noise import add_range_noise, noise_table
 from navrl.ops.raycast import Beams, beam_angles
@@ -71,9 +71,7 @@ class Lidar:
         if num_beams < 1:
             raise ValueError(f"num_beams={num_beams}: must be at least 1")
         check_positive(max_range=max_range, height=height)
-        if len(mount) != 3 or not all(math.isfinite(value) for value in mount):
-            raise ValueError(f"mount must be three finite numbers (x, y, yaw), got {list(mount)}")
-        x, y, yaw = (float(value) for value in mount)
+        x, y, yaw = checked_pose("mount", mount).tolist()
         self.mount = (x, y, yaw)
         ScanLayout(num_beams, None, 1, angle_min, angle_increment, self.mount)  # checks angles
         self.num_beams = int(num_beams)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from tensordict import NestedKey
 from torch import Tensor
@@ -15,6 +16,7 @@ from navrl import keys
 from navrl.ops.beams import Bearing
 from navrl.ops.pooling import check_pooling, min_pool
 from navrl.ops.scan_layout import ScanLayout, check_layout, scan_layout
+from navrl.ops.scanner import Scanner
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec
 from navrl.transforms.scan_adapter import ScanAdapter
 
@@ -155,7 +157,7 @@ class MinPool(ObservationMap):
 
 
 def check_lidar(transforms: Transform, lidar: Lidar) -> None:
-    """Check that poolings of raw scans assume the mount and the angles of the lidar.
+    """Check that poolings and adapters of raw scans assume the mount and angles of the lidar.
 
     After a :class:`ScanAdapter` those are the mount and the angles to which it resamples.
 
@@ -164,11 +166,13 @@ def check_lidar(transforms: Transform, lidar: Lidar) -> None:
         lidar: The lidar whose scans are pooled.
 
     Raises:
-        ValueError: If a pooling assumes others, so that its points would be off.
+        ValueError: If a step assumes others, so that its points would be off.
     """
     layouts: dict[NestedKey, Lidar | ScanLayout] = {keys.RANGES: lidar}
     for step in _readers(transforms):
         if isinstance(step, ScanAdapter):
+            if step.in_keys[0] == keys.RANGES:
+                _check_scanner(step.scanner, lidar)
             layouts[step.out_keys[0]] = step.target
         elif step.in_keys[0] in layouts:
             _check_pooling(step, layouts[step.in_keys[0]])
@@ -181,6 +185,23 @@ def _check_pooling(pool: MinPool, lidar: Lidar | ScanLayout) -> None:
             raise ValueError(
                 f"lidar.{name}={_shown(own)}: must be the {name} of MinPool, which is "
                 f"{_shown(assumed)}: set both, transforms.min_pool.{name} too"
+            )
+
+
+def _check_scanner(scanner: Scanner, lidar: Lidar) -> None:
+    """Check that the scanner of an adapter is the lidar."""
+    count = lidar.num_beams
+    pairs = {
+        "num_beams": (count, scanner.num_beams or count),
+        "mount": (lidar.mount, scanner.mount),
+        "angle_min": (lidar.angle_min, float(scanner.bearings(count)[0])),
+        "angle_increment": (lidar.increment, scanner.increment(count)),
+    }
+    for name, (own, assumed) in pairs.items():
+        if not np.allclose(own, assumed, rtol=0.0, atol=1e-9):
+            raise ValueError(
+                f"lidar.{name}={_shown(own)}: must be the {name} of the scanner of ScanAdapter, "
+                f"which is {_shown(assumed)}: set both, transforms.scan_adapter.scanner.{name} too"
             )
 
 

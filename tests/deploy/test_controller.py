@@ -137,16 +137,62 @@ def test_old_localization_is_moved_on_by_odometry():
     assert strict.tick(10.8).state is DriveState.STALE_POSE
 
 
-@pytest.mark.parametrize("ahead", [0.5, 100.0])
-def test_stamps_in_the_future_stop_the_robot(driving, ahead):
-    driving.on_scan(10.2 + ahead, corridor())
-    assert driving.tick(10.2).state is DriveState.STALE_SCAN
-    feed(driving, 10.2 + ahead)
+def future(control, kind, stamp):
+    if kind == "scan":
+        control.on_scan(stamp, corridor() + 0.01)
+    elif kind == "pose":
+        control.on_pose(stamp, (0.0, 0.0, 0.0))
+    else:
+        control.on_odometry(stamp, (0.0, 0.0, 0.0), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("kind", ["scan", "pose", "odometry"])
+def test_one_stamp_far_ahead_stops_until_the_next_input(driving, kind):
+    with pytest.raises(ValueError, match=r"^stamp=1010\.200: must be at most 1 s after the last"):
+        future(driving, kind, 1010.2)
+    state = DriveState.STALE_SCAN if kind == "scan" else DriveState.STALE_POSE
+    assert driving.tick(10.1) == (0.0, 0.0, state)
+    assert driving.status.reason.startswith(f"{kind} refused: stamp=1010.200")
+    feed(driving, 10.2)
+    assert driving.tick(10.2).v == 1.0
+
+
+@pytest.mark.parametrize("kind", ["scan", "pose", "odometry"])
+@pytest.mark.parametrize("ahead", [0.6, 1000.0])
+def test_future_stamp_before_a_tick_is_dropped_there(kind, ahead):
     control, _ = constant()
     control.on_path(PATH)
-    feed(control, 10.0)
-    control.on_pose(10.0 + ahead, (0.0, 0.0, 0.0))
-    assert control.tick(10.0).state is DriveState.STALE_POSE
+    feed(control, 9.9)
+    future(control, kind, 10.0 + ahead)
+    assert control.tick(10.0)[:2] == (0.0, 0.0)
+    assert f"{kind} stamped {ahead:.2f} s in the future" in control.status.reason
+    feed(control, 10.2)
+    assert control.tick(10.2).v == 1.0
+
+
+def test_jump_of_all_clocks_stops_for_one_tick(driving):
+    for kind in ("scan", "pose", "odometry"):
+        with pytest.raises(ValueError, match="stamp=70"):
+            future(driving, kind, 70.0)
+    assert driving.tick(70.0)[:2] == (0.0, 0.0)
+    feed(driving, 70.2)
+    assert driving.tick(70.2).v == 1.0
+    assert driving.tick(10.4)[:2] == (0.0, 0.0)  # and back
+    feed(driving, 10.6)
+    assert driving.tick(10.6).v == 1.0
+
+
+def test_invalid_odometry_stops_at_once_and_retains_motion(driving):
+    with pytest.raises(ValueError, match="velocity="):
+        driving.on_odometry(10.05, (0.0, 0.0, 0.0), (math.nan, 0.0))
+    assert driving.tick(10.05) == (0.0, 0.0, DriveState.STALE_POSE)
+    assert driving.status.reason.startswith("odometry refused: velocity=[nan, 0.0]")
+    driving.on_pose(10.1, (0.0, 0.0, 0.0))
+    assert driving.tick(10.1).state is DriveState.STALE_POSE
+    driving.on_odometry(10.2, (0.5, 0.0, 0.0), (0.0, 0.0))
+    driving.on_scan(10.01, corridor() + 0.01)
+    assert driving.tick(10.2).v == 1.0
+    assert driving.status.pose[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -226,6 +272,7 @@ def test_gap_between_scans_restarts_the_history(paper, gap, resets):
     control.runner.reset()
     control.on_path(PATH)
     for now in (10.0, 10.2, 10.2 + gap):
+        control.tick(now)  # the time is known before a stamp of it
         feed(control, now, (now - 10.0, 0.0, 0.0) if gap < 1 else (1.0, 0.0, 0.0))
         control.tick(now)
     assert control.status.num_resets == resets

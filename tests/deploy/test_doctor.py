@@ -131,6 +131,12 @@ def changed(index, value):
         ({"pose_qos": "default"}, "QoS", Level.WARNING, "/amcl_pose is volatile"),
         ({"without": ("odometry",)}, "odometry", Level.WARNING, "no odometry"),
         ({"without": ("pose",)}, "pose", Level.WARNING, "no localization"),
+        (
+            {"without": ("pose",)},
+            "pose",
+            Level.WARNING,
+            "tf has no transform from map to",
+        ),
         ({"scan": {"range_max": 3.0}}, "range", Level.WARNING, "below the policy's 3.5 m"),
         ({"num_beams": 90}, "field of view", Level.WARNING, "4.0 degrees between beams"),
     ],
@@ -201,6 +207,10 @@ def test_command_ends_with_the_verdict(tmp_path, monkeypatch, capsys):
     assert found["verdict"] == "will not work"
     assert {"level", "subject", "text", "do"} == found["findings"][0].keys()
     assert exit_status(f"navrl-doctor absent.bag {words}") == 2
+    capsys.readouterr()
+    assert exit_status(f"navrl-doctor {good} {words} +start_s=100") == 2
+    error = "navrl: start_s=100: no effect, navrl-doctor has no such key"
+    assert capsys.readouterr().err.startswith(error)
 
 
 def test_warnings_fail_only_if_strict(tmp_path, monkeypatch, capsys):

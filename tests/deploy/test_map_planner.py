@@ -10,7 +10,7 @@ from test_ros_bridge import header, odometry, path, pose, scan
 
 from navrl.deploy import Controller, DriveState, MapPlanner
 from navrl.deploy.ros_bridge import RosBridge, diagnostic_values, fill_path
-from navrl.deploy.ros_parameters import PARAMETERS, check_parameters, make_planner
+from navrl.deploy.ros_parameters import PARAMETERS, checked_parameters, make_planner
 from navrl.policies import ZOO
 from navrl.worlds import load_occupancy_map
 
@@ -46,6 +46,7 @@ def at(time, x=1.0, y=1.0):
 @pytest.fixture
 def bridge(loaded):
     loaded.tick(-1e6)  # a clock that goes back clears the inputs
+    loaded.tick(99.5)
     loaded.runner.reset()
     loaded.on_path(None)
     sent, warnings = [], []
@@ -183,7 +184,7 @@ def test_paths_of_a_planner_are_the_default(bridge):
 
 def test_invalid_values_are_named(bridge):
     with pytest.raises(ValueError, match="path_source=costmap: must be one of plan, map"):
-        check_parameters({**PARAMETERS, "path_source": "costmap"}, ("tf",))
+        checked_parameters({**PARAMETERS, "path_source": "costmap"}, ("tf",))
     with pytest.raises(ValueError, match=r"robot_radius=-1.0: must be > 0 m"):
         make_planner(
             {**PARAMETERS, "path_source": "map", "robot_radius": -1.0}, bridge.control, print

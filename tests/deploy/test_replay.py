@@ -172,7 +172,13 @@ def test_clock_of_the_stamps_is_an_option(tmp_path):
         ("scan_topic=/front", "scan_topic=/front: must be one of /scan"),
         ("pose_source=gps", "pose_source=gps: must be one of auto, pose, tf"),
         ("mount=[0.0,0.0]", "mount="),
+        ("goal=[a,0]", r"goal=\['a', 0\]: must be 2 finite numbers"),
+        ("goal=[.nan,0]", "goal=.*: must be 2 finite numbers"),
+        ("goal=3", "goal=3.*: must be 2 finite numbers"),
+        ("mount=[0,0,pi]", r"mount=\[0, 0, 'pi'\]: must be three finite numbers"),
+        ("mount=3", "mount=3.*: must be three finite numbers"),
         ("start_s=-1.0", "start_s=-1.0: must be"),
+        ("start_s=100", r"start_s=100: must be below \d+\.\d s, the length of the log"),
     ],
 )
 def test_bad_option_is_an_error_that_names_it(override, reason, bag, tmp_path):
@@ -199,6 +205,7 @@ def test_command_takes_the_bag_as_its_first_word(bag, tmp_path, monkeypatch):
             "policy=papre: no such bundle or controller; did you mean paper",
         ),
         ("absent.bag tick=0.1", "tick"),
+        ("absent.bag +strict=true", "strict=True: no effect, navrl-replay has no such key"),
         ("absent.bag tick_s=fast", "tick_s=fast: must be float"),
     ],
 )

@@ -39,8 +39,11 @@ class Rospy:
 
     def __init__(self, **parameters):
         self.parameters, self.sent, self.listeners = parameters, [], {}
+        self.log = []
 
     def get_param(self, name, default):
+        if name == "~":
+            return self.parameters
         return self.parameters.get(name.removeprefix("~"), default)
 
     def get_time(self):
@@ -51,6 +54,12 @@ class Rospy:
 
     def Subscriber(self, name, kind, callback, queue_size):
         self.listeners[name] = callback
+
+    def logwarn(self, text):
+        self.log.append(text)
+
+    def loginfo(self, text):
+        self.log.append(text)
 
     def logwarn_throttle(self, period, text):
         raise AssertionError(text)
@@ -116,6 +125,16 @@ def test_node_plans_to_goals_on_a_map(tmp_path):
     assert (last.x, last.y) == pytest.approx((2.8, 0.0)) and max(rospy.speeds()) > 0.5
 
 
+def test_log_names_unknown_parameters_and_when_it_is_ready():
+    rospy, node = make(mount=[0, 0, 3], max_vel_x=1, max_vel_y=0.5)
+    unknown, ready = rospy.log
+    assert unknown.startswith("max_vel_y=0.5: no effect, the node has no such parameter; did you")
+    assert "max_vel_x" in unknown
+    assert ready.startswith("ready: policy=paper, scanner=any at mount=[0.000, 0.000, 3.000], pose")
+    assert ready.endswith("listens to scan, odom, plan, emergency_stop; publishes cmd_vel")
+    assert node.control.limits.max_speed == 1.0
+
+
 def test_exception_ends_with_zero(monkeypatch):
     rospy, node = make()
     monkeypatch.setattr(node.control, "tick", lambda now: 1 / 0)
@@ -136,6 +155,16 @@ def test_dry_run_sends_nothing():
         ({"pose_source": "tf"}, "pose_source=tf: must be one of amcl_pose, odometry"),
         ({"controller_frequency": 2.0}, "controller_frequency=2.0: must be at least 10 Hz"),
         ({"mount": [float("nan")] * 3}, "mount: must be three numbers"),
+        ({"mount": [0.0, 3.14]}, r"mount=\[0.0, 3.14\]: must be three finite numbers"),
+        ({"mount": [0, 0, 180]}, "mount=.*: yaw=180: must be in rad"),
+        ({"mount": "front"}, "mount='front': must be a list of numbers"),
+        ({"max_vel_x": -0.5}, "max_vel_x=-0.5: must be positive"),
+        ({"decel_lim_x": float("nan")}, "decel_lim_x=nan: must be positive"),
+        ({"scan_timeout": "1"}, "scan_timeout='1': must be a number"),
+        ({"xy_goal_tolerance": -1.0}, "xy_goal_tolerance=-1.0: must be >= 0"),
+        ({"min_measured_share": 2.0}, "min_measured_share=2.0: must be in"),
+        ({"dry_run": "yes"}, "dry_run='yes': must be true or false"),
+        ({"occupied_thresh": 0.2}, "free_thresh=0.25: must be in 0 to below occupied_thresh=0.2"),
     ],
 )
 def test_parameters_without_tf_are_required(changes, message):

@@ -135,12 +135,26 @@ def test_path_of_another_frame_is_rejected(robot):
         ("pose_source:=gps", "pose_source=gps: must be one of tf, amcl_pose, odometry"),
         ("speed_scale:=2.0", "speed_scale=2.0: must be in"),
         ("controller_frequency:=1.0", "controller_frequency=1.0: must be at least 10 Hz"),
+        ("mount:=[0.0, 3.14]", "mount=[0.0, 3.14]: must be three finite numbers (x, y, yaw)"),
+        ("max_vel_x:=-0.5", "max_vel_x=-0.5: must be positive"),
     ],
 )
 def test_invalid_parameter_ends_the_node(parameter, message):
     process = start(parameter)
     assert process.wait(240) == 2
     assert message in process.stderr.read()
+
+
+def test_integers_are_accepted_and_unknown_names_reported():
+    process = start("mount:=[0, 0, 3]", "max_vel_x:=1", "max_vel_y:=0.5", "use_sim_time:=false")
+    lines = []
+    while not (lines and ("ready: " in lines[-1] or not lines[-1])):
+        lines.append(process.stderr.readline())
+    finish(process)
+    warnings = [line for line in lines if "no such parameter" in line]
+    assert len(warnings) == 1 and "max_vel_y=0.5" in warnings[0] and "max_vel_x" in warnings[0]
+    assert "policy=paper, scanner=rplidar_a1 at mount=[0.000, 0.000, 3.000]" in lines[-1]
+    assert "listens to scan, odom, plan, emergency_stop, amcl_pose; publishes cmd_vel" in lines[-1]
 
 
 def test_stamped_commands_are_scaled():

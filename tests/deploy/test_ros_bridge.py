@@ -63,6 +63,7 @@ def loaded():
 @pytest.fixture
 def bridge(loaded):
     loaded.tick(-1e6)  # a clock that goes back clears the inputs
+    loaded.tick(99.5)
     loaded.runner.reset()
     warnings = []
     made = RosBridge(loaded, "map", warnings.append)

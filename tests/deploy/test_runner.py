@@ -151,8 +151,8 @@ def test_beam_without_return_accepts_any_value(runner, miss):
     ("ranges", "pose", "path", "message"),
     [
         (clear(720), (0, 0, 0), AHEAD, r"ranges.shape=\[720\]: must be \[1440\]"),
-        (clear(), (0, 0), AHEAD, "pose=.*: must be 3 finite numbers"),
-        (clear(), (0, np.nan, 0), AHEAD, "pose=.*: must be 3 finite numbers"),
+        (clear(), (0, 0), AHEAD, "pose=.*: must be three finite numbers"),
+        (clear(), (0, np.nan, 0), AHEAD, "pose=.*: must be three finite numbers"),
         (clear(), (0, 0, 90.0), AHEAD, "yaw=90: must be in rad"),
         (clear(), (0, 0, -45.0), AHEAD, "yaw=-45: must be in rad"),
         (clear(), (0, 0, 0), [(0, 0, 0)], r"path.shape=\[1, 3\]: must be \[P, 2\]"),

@@ -153,6 +153,7 @@ def test_robot_at_the_goal_or_off_the_path_stops(paper):
         ({"pose": [0.0, 0.0, 90.0]}, "yaw=90"),
         ({"path": np.zeros((201, 2))}, "path.shape"),
         ({"path": np.zeros(2)}, "path.shape"),
+        ({"path": np.zeros((2, 3))}, r"path.shape=\(2, 3\)"),
     ],
 )
 def test_wrong_argument_is_named(change, message, paper):

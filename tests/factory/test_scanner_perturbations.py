@@ -4,12 +4,15 @@ import math
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from navrl.config import compose, instantiate, options
 from navrl.envs.transformed import base_env
 from navrl.evaluation.robustness import KINDS
 from navrl.factory import make_evaluated_policy
-from navrl.factory.perturbation import perturbation_summary
+from navrl.factory.perturbation import perturbation_summary, with_policy_beams
+from navrl.factory.policy import with_parts
+from navrl.policies import ZOO, load_bundle
 from navrl.transforms import ScanAdapter
 from navrl.worlds import ScenarioBatch
 
@@ -83,3 +86,35 @@ def test_pooling_after_an_adapter_must_have_its_angles():
     wrong = "+change.transforms.scan_adapter.angle_min=1.0"
     with pytest.raises(ValueError, match=r"lidar.angle_min=1.0: must be the angle_min of MinPool"):
         evaluated("paper", "rplidar_a1", wrong)
+
+
+@pytest.mark.parametrize("name", ["rplidar_a1", "ld14"])
+def test_changed_mount_of_the_lidar_is_that_of_the_scanner(name):
+    own = first_observation(evaluated("paper", "nominal", NOISELESS))["ranges_pooled"]
+    turned = "+change.lidar.mount=[0.0,0.0,3.1]"
+    env = evaluated("paper", name, NOISELESS, turned)
+    assert env.transform[0].target.mount == (0.0, 0.0, 0.0)
+    seen = first_observation(env)["ranges_pooled"]
+    assert ((own - seen).abs() < 0.1).float().mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ("scanner.num_beams=100", "lidar.num_beams=360: must be the num_beams of the scanner"),
+        ("scanner.angle_min=1.0", r"lidar.angle_min=-3.14\d*: must be the angle_min of the scan"),
+        ("scanner.angle_increment=-0.01", "lidar.angle_increment=0.017.*: must be the angle_incr"),
+        ("scanner.mount=[0.1,0,0]", r"lidar.mount=\[0.0, 0.0, 0.0\]: must be the mount of the sc"),
+    ],
+)
+def test_scanner_must_be_the_lidar(change, name):
+    with pytest.raises(ValueError, match=f"{name}.*set both, transforms.scan_adapter.scanner"):
+        evaluated("paper", "rplidar_a1", f"+change.transforms.scan_adapter.{change}")
+
+
+def test_policy_with_an_adapter_has_no_scanner_perturbation():
+    cfg = compose("evaluate", [*TINY, "policy=paper", "perturbation=rplidar_a1"])
+    parts = OmegaConf.to_container(with_parts(cfg, load_bundle(ZOO / "paper").config))
+    wanted = r"perturbation=rplidar_a1: must be none .* transforms.scan_adapter adapts"
+    with pytest.raises(ValueError, match=wanted):
+        with_policy_beams(cfg, parts, {})

@@ -90,6 +90,7 @@ BROKEN = [
     ({"resolution": "abc"}, "resolution='abc': must be"),
     ({"origin": [0, 0]}, "origin=[0, 0]: must be 3 numbers"),
     ({"origin": "[0, 0, nan]"}, "origin=[0, 0, nan]: must be 3 numbers"),
+    ({"origin": [0, 0, 90]}, "origin=[0.0, 0.0, 90.0]: yaw=90: must be in rad"),
     ({"negate": 2}, "negate=2: must be 0 or 1"),
     ({"mode": "gray"}, "mode='gray': must be one of trinary, scale, raw"),
     ({"occupied_thresh": 1.5}, "occupied_thresh=1.5: must be a number in 0 to 1"),

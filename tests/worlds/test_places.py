@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from place_files import BARN, HALL, TRACKS, barn_world, place_folder, write
 
+from navrl.config import compose
+from navrl.jobs.suite_data import missing_data
 from navrl.untrusted import DamagedFileError
 from navrl.worlds import (
     PlaceDistribution,
@@ -230,3 +232,13 @@ def test_real_recording_and_barn_are_read():
     assert len(people) == 148
     assert max(person.speed for person in people) < 3.0
     assert len(load_barn(shared("barn") / "barn300.json")) == 300
+
+
+def test_file_as_the_folder_of_places_is_named(tmp_path):
+    file = tmp_path / "office.yaml"
+    file.write_text("image: office.pgm")
+    cfg = compose("evaluate", ["suite=places", f"data={file}"])
+    with pytest.raises(ValueError, match=r"data=.*office.yaml: must be a folder of files"):
+        missing_data(cfg)
+    with pytest.raises(FileNotFoundError, match=r"must be a folder, is a file"):
+        load_places(file)

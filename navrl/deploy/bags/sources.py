@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from navrl.checks import checked_pose
 from navrl.deploy.bags.frames import FrameTree
 from navrl.deploy.bags.messages import (
     Log,
@@ -90,6 +91,11 @@ class LogSource:
         self.base_frame = self._base_frame()
         self.pose_source = self._pose_source()
 
+    @property
+    def has_tf(self) -> bool:
+        """Return whether the log has transforms between any frames."""
+        return bool(self._tf)
+
     def _beside(self, name: str | None, kind: str) -> str | None:
         """Return a topic of CARMEN that comes with the chosen laser, unless one is named."""
         own = f"{self.scan}/{kind}"
@@ -169,7 +175,9 @@ class LogSource:
                 log's.
         """
         if mount is not None:
-            return replace(scanner, mount=tuple(map(float, mount))), "the option mount"
+            return replace(
+                scanner, mount=tuple(checked_pose("mount", mount).tolist())
+            ), "the option mount"
         placed = self.tree.lookup(self.base_frame, scan.frame) if scan.frame else None
         if placed is not None:
             inverted = scanner.is_upside_down or placed.tilt > _UPSIDE_DOWN

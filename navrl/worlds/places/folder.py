@@ -26,7 +26,8 @@ def place_files(folder: str | Path) -> list[Path]:
     """
     root = Path(folder)
     if not root.is_dir():
-        raise FileNotFoundError(f"data={folder}: no such folder")
+        reason = "must be a folder, is a file" if root.exists() else "no such folder"
+        raise FileNotFoundError(f"data={folder}: {reason}")
     found = (file for file in root.rglob("*") if file.name.endswith(SUFFIXES) and file.is_file())
     files = set(found)
     if not any(file.suffix in _PLACES for file in files):

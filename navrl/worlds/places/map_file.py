@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from PIL import Image
 
+from navrl.checks import checked_pose
 from navrl.untrusted import DamagedFileError, read_yaml
 from navrl.worlds.places.occupancy_map import OccupancyMap
 from navrl.worlds.places.place import Place
@@ -84,6 +85,10 @@ def load_occupancy_map(file: str | Path) -> OccupancyMap:
     if not low < high:
         raise reader.error("free_thresh", low, f"< occupied_thresh={high:g}")
     resolution, origin = reader.number("resolution", 0.001, 10.0), reader.row("origin", 3)
+    try:
+        checked_pose("origin", origin)
+    except ValueError as error:
+        raise DamagedFileError(file, str(error), REMEDY) from error
     try:
         shade, alpha = _shades(read_image(picture))
     except FileNotFoundError as error:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from skimage.measure import label
 
+from navrl.checks import checked_numbers, checked_pose
 from navrl.untrusted import is_number
 from navrl.worlds.clearance_map import ClearanceMap
 from navrl.worlds.places.cells import boxes_of_cells
@@ -63,7 +64,7 @@ class OccupancyMap:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        x, y, yaw = self.origin.tolist()
+        x, y, yaw = checked_pose("origin", self.origin).tolist()
         if not is_number(self.cell, 0.001, 10.0):
             raise ValueError(f"resolution={self.cell}: must be in 0.001 to 10 m")
         if not all(is_number(value, -FARTHEST_M, FARTHEST_M) for value in (x, y, yaw)):
@@ -180,11 +181,12 @@ class OccupancyMap:
         that is not.
 
         Raises:
+            ValueError: If a point is not two numbers.
             NoPathError: If a point is outside the map, in or too close to an obstacle, or unknown,
                 or if they are not connected.
         """
         grid = self.clearance_map(clearance, comfort)
-        first, last = np.asarray(start, float)[:2], np.asarray(goal, float)[:2]
+        first, last = _checked_point("start", start), _checked_point("goal", goal)
         self._check(grid, "goal", last)
         try:
             self._check(grid, "start", first)
@@ -243,6 +245,15 @@ def planar_yaw(q: Message) -> float:
     if not abs(length - 1.0) < 0.01:
         return math.nan
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+
+
+def _checked_point(name: str, point: ArrayLike) -> np.ndarray:
+    """Return a point ``[2]`` m; a pose ``[3]`` is one too."""
+    allowed = "2 numbers (x, y) in m"
+    found = checked_numbers(name, point, allowed)
+    if found.shape not in ((2,), (3,)):
+        raise ValueError(f"{name}={found.tolist()}: must be {allowed}")
+    return found[:2]
 
 
 def _shown(point: np.ndarray) -> str:
