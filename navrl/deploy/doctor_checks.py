@@ -48,8 +48,9 @@ def _beams(facts: Checked) -> Iterator[Finding]:
         yield Finding(Level.WARNING, "field of view", text, action)
     low, high = min(r[0] for r in found.limits), max(r[1] for r in found.limits)
     yield Finding(Level.OK, "range", f"{low:g} to {high:g} m")
-    if high < facts.lidar.max_range:
-        text = f"{high:g} m is below the policy's {facts.lidar.max_range:g} m"
+    wanted = facts.network_range or facts.lidar.max_range
+    if high < wanted:
+        text = f"{high:g} m is below the policy's {wanted:g} m"
         yield Finding(Level.WARNING, "range", text, "drive slower: speed_scale")
 
 

@@ -54,6 +54,8 @@ class Checked:
         robot: Robot of the policy.
         limits: Timeouts of the control loop.
         time_step_s: Time step of the policy, s.
+        network_range: Distance to which the network reads, m; None for the range of its lidar. An
+            alignment may use more.
     """
 
     measures: LogMeasures
@@ -64,6 +66,7 @@ class Checked:
     robot: RobotModel
     limits: ControlLimits
     time_step_s: float
+    network_range: float | None = None
 
 
 def verdict(findings: list[Finding]) -> Level:

@@ -17,6 +17,7 @@ from navrl.deploy.doctor_findings import Checked, Level, verdict
 from navrl.deploy.mount_guess import mount_by_motion, true_sectors
 from navrl.ops.scanner import Scanner
 from navrl.policies import ZOO, load_bundle
+from navrl.sim import Lidar
 
 made = pytest.importorskip("made_bags", reason="needs the extra bags", exc_type=ImportError)
 ROOT = Path(__file__).parents[2]
@@ -29,14 +30,15 @@ def parts():
     return bundle.build("lidar"), bundle.build("robot")
 
 
-def examined(parts, file, mount=None, **topics):
+def examined(parts, file, mount=None, network_range=None, **topics):
     """Return measurements and findings of a log."""
     lidar, robot = parts
     with closing(open_log(file)) as log:
         source = LogSource(log, Topics(**topics))
         scanner, origin = source.scanner(source.first_scan(), Scanner(range_max=100.0), mount)
         found = measure_log(source, scanner, lidar, robot)
-        facts = Checked(found, source, scanner, origin, lidar, robot, ControlLimits(), 0.2)
+        policy = (lidar, robot, ControlLimits(), 0.2, network_range)
+        facts = Checked(found, source, scanner, origin, *policy)
         return found, diagnose(facts)
 
 
@@ -52,6 +54,14 @@ def about(findings, subject):
 @pytest.fixture(scope="module")
 def good(parts, tmp_path_factory):
     return examined(parts, made.driven(tmp_path_factory.mktemp("bag"), duration_s=6.0))
+
+
+@pytest.mark.parametrize("network_range, level", [(3.5, None), (None, Level.WARNING)])
+def test_range_is_compared_with_that_of_the_network(parts, tmp_path, network_range, level):
+    aligned = (Lidar(max_range=50.0), parts[1])  # the alignment reads more than the network
+    log = made.driven(tmp_path, duration_s=6.0)
+    _, findings = examined(aligned, log, network_range=network_range)
+    assert bad(findings).get("range") is level
 
 
 def test_whole_log_is_ok(good):
