@@ -166,7 +166,7 @@ class DriveGraph(nn.Module):
 
 def _single_steps(steps: Compose) -> Iterator[Transform]:
     """Return the steps of a chain, and those of chains within it, in order."""
-    for step in steps.transforms:
+    for step in cast(Sequence[Transform], steps.transforms):
         yield from _single_steps(step) if isinstance(step, Compose) else (step,)
 
 

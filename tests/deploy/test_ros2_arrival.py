@@ -126,7 +126,7 @@ def started(robot, *parameters, **arguments):
 
 
 def test_nine_of_ten_episodes_arrive_over_topics(robot):
-    process = started(robot, "policy:=navrl-best-deployed")
+    process = started(robot, "policy:=navrl-best")
 
     def begin(path):
         robot.now += 100.0
