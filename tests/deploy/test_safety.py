@@ -124,7 +124,7 @@ def test_scan_without_returns_is_blind_by_default():
 
 
 def test_scan_in_millimeters_measures_nothing():
-    assert check(SafetyLimits(max_gap=7.0)).state(DEAD["millimeters"]) is DriveState.BLIND
+    assert check(SafetyLimits(max_gap=6.2)).state(DEAD["millimeters"]) is DriveState.BLIND
 
 
 @pytest.mark.parametrize("code", [25.0, 65.533, 655.35, 3e38, np.inf, 0.0])
