@@ -1,4 +1,4 @@
-"""ROS 1 node of a policy: ``python -m navrl.deploy.ros1 _policy:=navrl-best-deployed``.
+"""ROS 1 node of a policy: ``python -m navrl.deploy.ros1 _policy:=navrl-best``.
 
 It needs rospy, of a distribution of ROS 1 or of Debian (``python3-rospy``). Parameters and topics
 are those of the ROS 2 node, docs/robots.md.

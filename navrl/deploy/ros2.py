@@ -1,4 +1,4 @@
-"""ROS 2 node of a policy: ``python -m navrl.deploy.ros2 --ros-args -p policy:=navrl-best-deployed``.
+"""ROS 2 node of a policy: ``python -m navrl.deploy.ros2 --ros-args -p policy:=navrl-best``.
 
 It needs the rclpy of the robot's own distribution, sourced before. Parameters and topics are
 described in docs/robots.md.

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from navrl.checks import checked_numbers, checked_pose
 from navrl.deploy.control_limits import ControlLimits
@@ -95,7 +96,9 @@ def checked_parameters(given: Mapping[str, Any], sources: tuple[str, ...]) -> di
     Raises:
         ValueError: If a parameter is not allowed; the message names it.
     """
-    values = {name: _typed(name, given[name], default) for name, default in PARAMETERS.items()}
+    values: dict[str, Any] = {
+        name: _typed(name, given[name], default) for name, default in PARAMETERS.items()
+    }
     source, frequency, mount = (
         values[name] for name in ("pose_source", "controller_frequency", "mount")
     )
@@ -116,11 +119,11 @@ def checked_parameters(given: Mapping[str, Any], sources: tuple[str, ...]) -> di
     return values
 
 
-def _typed(name: str, value: Any, default: Any) -> Any:
+def _typed(name: str, value: object, default: object) -> object:
     """Return a value of the type of the parameter's default."""
     if isinstance(default, list):
         allowed = "a list of numbers"
-        numbers = checked_numbers(name, value, allowed)
+        numbers = checked_numbers(name, cast(ArrayLike, value), allowed)
         if numbers.ndim != 1:
             raise ValueError(f"{name}={numbers.tolist()}: must be {allowed}")
         return numbers.tolist()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from omegaconf import DictConfig, ListConfig
 
@@ -23,6 +23,7 @@ from navrl.ops.scanner import Scanner
 from navrl.policies.names import bundle_folder
 
 RECORDING, TABLE, REPLAY_SUMMARY, PICTURE = "episode.npz", "commands.csv", "replay.json", "commands"
+_T = TypeVar("_T")
 _PATHS = ("auto", "topic", "trajectory")
 
 
@@ -98,7 +99,7 @@ def check_replay(cfg: DictConfig) -> None:
         raise ValueError(f"policy={cfg.policy}: must be a bundle, a controller has no scan history")
 
 
-def plain_list(value: Any) -> Any:
+def plain_list(value: _T) -> list | _T:
     """Return a list of a configuration as a plain one, and another value as it is."""
     return list(value) if isinstance(value, ListConfig) else value
 

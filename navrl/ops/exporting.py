@@ -146,7 +146,8 @@ def rotated_eigen(matrix: Tensor, num_sweeps: int = 5) -> tuple[Tensor, Tensor]:
     """Return :func:`symmetric_eigen` by Jacobi's rotations, each of which clears one entry.
 
     Example:
-        >>> rotated_eigen(torch.tensor([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 5.0]]))[0]
+        >>> matrix = torch.tensor([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 5.0]])
+        >>> rotated_eigen(matrix)[0].round()
         tensor([1., 3., 5.])
     """
     vectors = torch.eye(3, dtype=matrix.dtype, device=matrix.device).expand_as(matrix)
