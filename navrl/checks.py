@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import reprlib
+from collections.abc import Sequence
 from numbers import Integral
 from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+_POSE = "three finite numbers (x, y, yaw)"
 _MAX_ANGLE = 2.0 * math.pi + 1e-3  # rad, rounded values too; one in degrees soon exceeds it
 
 
@@ -118,12 +120,24 @@ def checked_pose(name: str, pose: ArrayLike | None) -> np.ndarray:
         ValueError: If it is not three finite numbers, or if the yaw is beyond a full circle to
             either side, as one in degrees is.
     """
-    allowed = "three finite numbers (x, y, yaw)"
-    values = checked_numbers(name, pose, allowed)
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise ValueError(f"{name}={values.tolist()}: must be {allowed}")
-    if abs(values[2]) > _MAX_ANGLE:
-        raise ValueError(
-            f"{name}={values.tolist()}: yaw={values[2]:g}: must be in rad, wrapped to [-2 pi, 2 pi]"
-        )
+    values = checked_numbers(name, pose, _POSE)
+    check_pose(name, values.tolist())
     return values
+
+
+def check_pose(name: str, pose: Sequence[float]) -> None:
+    """Check (x, y, yaw) as :func:`checked_pose`, without numpy: for code that torch compiles.
+
+    Args:
+        name: Name of the argument.
+        pose: (x, y, yaw), m and rad.
+
+    Raises:
+        ValueError: If it is not such a pose.
+    """
+    if not (isinstance(pose, Sequence) and len(pose) == 3 and all(is_finite(p) for p in pose)):
+        raise ValueError(f"{name}={pose!r}: must be {_POSE}")
+    if abs(pose[2]) > _MAX_ANGLE:
+        raise ValueError(
+            f"{name}={[*pose]}: yaw={pose[2]:g}: must be in rad, wrapped to [-2 pi, 2 pi]"
+        )

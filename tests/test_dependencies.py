@@ -120,7 +120,11 @@ def test_python_classifiers_match_the_range():
 def test_no_text_claims_a_package_index():
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True).stdout
     suffixes = {".py", ".md", ".yaml", ".yml", ".toml", ".cff", ".txt"}
-    paths = [ROOT / line for line in listed.splitlines()] or [*ROOT.rglob("*.*")]
+    paths = [ROOT / line for line in listed.splitlines()] or [
+        path
+        for path in ROOT.rglob("*.*")
+        if not any(part[0] == "." for part in path.relative_to(ROOT).parts)
+    ]
     for path in paths:
         if path.suffix in suffixes and path.is_file() and path != Path(__file__):
             found = re.search(r"pip install (?:-\S+ )*['\"]?navrl\b", path.read_text())

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from navrl.checks import check_angles, check_counts, checked_pose, is_finite
+from navrl.checks import check_angles, check_counts, check_pose, is_finite
 from navrl.deprecation import renamed_attributes
 
 TWO_PI = 2.0 * math.pi
@@ -160,7 +160,7 @@ def check_layout(
         raise ValueError("group_size=None: must be a number of beams unless num_points is given")
     check_counts(group_size=group_size, num_points=num_points)
     check_scan_angles(angle_min, angle_increment)
-    checked_pose("mount", mount)
+    check_pose("mount", mount)
 
 
 def check_scan_angles(angle_min: float, angle_increment: float | None) -> None:
