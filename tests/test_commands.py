@@ -98,7 +98,7 @@ OTHERS = {
     "sbatch --cpus-per-task=8",
     "python tests/clients/vector_speed.py",  # minutes; tests/clients has the equality
     "g++ -std=c++17",  # tests/export compiles the program where there is a compiler
-    "pip install -e '.[full,onnx]'",
+    "pip install -c constraints.txt -e '.[full,onnx]'",
     "pip install -c constraints.txt -e '.[full,bags]'",
     "pip install -c constraints.txt -e '.[full,bags,report]'",
     MINE,  # the last test
