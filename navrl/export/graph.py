@@ -93,6 +93,8 @@ class DriveGraph(nn.Module):
         sensors = dict(zip(self.sensors, inputs[: len(self.sensors)], strict=True))
         before = dict(zip(self.state, inputs[len(self.sensors) :], strict=True))
         started, commands = before[STARTED], before.get(COMMANDS)
+        if commands is not None:  # a new drive has none
+            commands = torch.where(_like(started, commands), commands, 0.0)
         past = TensorDict({key: before[key] for key in self._carried}, [started.shape[0]])
         now = self._observed(sensors, commands)
         for step in self._steps:
