@@ -135,7 +135,7 @@ def check_pose(name: str, pose: Sequence[float]) -> None:
     Raises:
         ValueError: If it is not such a pose.
     """
-    if not (isinstance(pose, Sequence) and len(pose) == 3 and all(is_finite(p) for p in pose)):
+    if not (hasattr(pose, "__len__") and len(pose) == 3 and all(is_finite(p) for p in pose)):
         raise ValueError(f"{name}={pose!r}: must be {_POSE}")
     if abs(pose[2]) > _MAX_ANGLE:
         raise ValueError(

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from navrl.checks import check_positive
+from navrl.checks import check_pose, check_positive
 from navrl.policies.classical import DynamicWindow, Oracle, Orca
 from navrl.sim import BatchedSimulator, BulletSimulator, DifferentialDrive, Lidar
 from navrl.training import Schedule
@@ -99,3 +99,10 @@ def test_first_wrong_argument_is_named():
     check_positive(a=1, b=0.5)
     with pytest.raises(ValueError, match=r"^b=-0.5: must be positive and finite$"):
         check_positive(a=1, b=-0.5, c=0)
+
+
+def test_pose_may_be_an_array():
+    check_pose("mount", np.array([0.1, 0.0, 3.0]))
+    for pose in (None, "abc", [0.0, 0.0], [0.0, 0.0, np.nan], [0.0, 0.0, 180.0]):
+        with pytest.raises(ValueError, match="mount="):
+            check_pose("mount", pose)
