@@ -24,6 +24,7 @@ def simplify(model: onnx_ir.Model) -> None:
 def _hoist(graph: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
     """Move the nodes of a loop's body that do not depend on the iteration before the loop."""
     body = loop.attributes["body"].as_graph()
+    _fix_shapes(body, loop)
     varying = set(body.inputs)
     results = set(body.outputs)
     for node in list(body):
@@ -33,6 +34,14 @@ def _hoist(graph: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
             continue
         body.remove(node)
         graph.insert_before(loop, node)
+
+
+def _fix_shapes(body: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
+    """Read shapes of carried values from the values before the loop: torch allows no change."""
+    before = dict(zip(body.inputs[2:], loop.inputs[2:], strict=True))
+    for node in body:
+        if node.op_type == "Shape" and node.inputs[0] in before:
+            node.replace_input_with(0, before[node.inputs[0]])
 
 
 def _subgraphs(node: onnx_ir.Node) -> list[onnx_ir.Attr]:

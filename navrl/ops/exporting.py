@@ -80,10 +80,24 @@ def first_minimum(values: Tensor) -> Tensor:
     """
     count = values.shape[-1]
     size = max(size for size in range(1, _MAX_BLOCK + 1) if count % size == 0)
-    blocks = values.unflatten(-1, (count // size, size))
-    block = blocks.amin(-1).argmin(-1, keepdim=True)
-    index = block.unsqueeze(-1).expand(*block.shape, size)
-    return block.squeeze(-1) * size + blocks.gather(-2, index).squeeze(-2).argmin(-1)
+    blocks = values.reshape(-1, count // size, size)
+    block = blocks.amin(-1).argmin(-1)
+    start = torch.arange(blocks.shape[0], device=values.device) * (count // size)
+    smallest = blocks.flatten(0, 1).index_select(0, start + block)
+    return (block * size + smallest.argmin(-1)).reshape(values.shape[:-1])
+
+
+def take_rows(values: Tensor, index: Tensor) -> Tensor:
+    """Return the rows ``[S, N, K]`` of ``values [S, M, K]`` at ``index [S, N]``, as copies of rows.
+
+    Example:
+        >>> take_rows(torch.tensor([[[5.0], [6.0], [7.0]]]), torch.tensor([[2, 0]]))
+        tensor([[[7.],
+                 [5.]]])
+    """
+    start = torch.arange(values.shape[0], device=index.device).unsqueeze(-1) * values.shape[1]
+    rows = values.flatten(0, 1).index_select(0, (start + index).flatten())
+    return rows.reshape(*index.shape, values.shape[-1])
 
 
 def search_sorted(ascending: Tensor, values: Tensor) -> Tensor:

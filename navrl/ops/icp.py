@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch._higher_order_ops.while_loop import while_loop
 
-from navrl.ops import se2
+from navrl.ops import icp_graph, se2
 from navrl.ops.backend import Backend, as_real, check_same_device, is_compiled
-from navrl.ops.exporting import is_exporting, kernel_precision, solve_motion
+from navrl.ops.exporting import is_exporting, kernel_precision
 from navrl.ops.icp_options import DAMPING, PAPER, IcpOptions
 from navrl.ops.icp_pairs import line_equations, nearest_returns, pair_weights, take
 from navrl.ops.lines import ScanLines, fit_lines
@@ -184,27 +183,12 @@ def _iterate(
 def _iterate_in_graph(
     state: Alignment, scans: tuple[Tensor, ...], lines: ScanLines | None, options: IcpOptions
 ) -> Alignment:
-    """Return the result of :func:`_iterate` as one loop of an exported graph.
+    """Return the result of :func:`_iterate` by :func:`navrl.ops.icp_graph.iterate`.
 
     Only what the pipeline reads is carried: the residual is NaN and the iterations are -1.
     """
-
-    def is_unfinished(count: Tensor, running: Tensor, *_: Tensor) -> Tensor:
-        return (count < options.max_iterations) & running.any()
-
-    def improve(
-        count: Tensor, running: Tensor, transform: Tensor, inliers: Tensor
-    ) -> tuple[Tensor, ...]:
-        found, small = _improve(transform, scans, lines, options)
-        transform = torch.where(running.unsqueeze(-1), found.transform, transform)
-        inliers = torch.where(running, found.inliers, inliers)
-        return count + 1, running & ~small, transform, inliers
-
-    running = torch.ones_like(state.converged)
-    count = torch.zeros((), dtype=torch.int64, device=running.device)
-    carried = (count, running, state.transform, state.inliers)
-    _, running, transform, inliers = while_loop(is_unfinished, improve, carried)
-    converged = ~running & (inliers >= options.min_pairs)
+    transform, unfinished, inliers = icp_graph.iterate(state.transform, scans, lines, options)
+    converged = ~unfinished & (inliers >= options.min_pairs)
     unknown = torch.full_like(state.rmse, math.nan)
     return Alignment(transform, converged, inliers, unknown, torch.full_like(inliers, -1))
 
@@ -243,7 +227,7 @@ def _line_step(
     weight, _ = pair_weights(points, closest, matched, lines, robust_scale)
     normal_matrix, vector = line_equations(points, closest, weight, lines)
     damping = DAMPING * torch.eye(3, dtype=vector.dtype, device=vector.device)
-    return -solve_motion(normal_matrix + damping, vector)
+    return -torch.linalg.solve(normal_matrix + damping, vector)
 
 
 def _root_mean(squared: Tensor, matched: Tensor) -> Tensor:

@@ -51,12 +51,28 @@ def nearest_by_product(
         >>> nearest_by_product(points, target, torch.tensor([[True, True]]))[1]
         tensor([[0]])
     """
-    squares = torch.where(target_returns, target.square().sum(-1), math.inf).unsqueeze(-2)
-    factors = torch.cat([-2.0 * target.transpose(-1, -2), squares], dim=-2)
+    factors = distance_factors(target, target_returns)
     ones = target.new_ones(target.shape[0], points.shape[1], 1)
     index = first_minimum(torch.cat([points, ones], dim=-1) @ factors)
     squared = (points - take(target, index)).square().sum(-1)
     return torch.where(target_returns.any(-1, keepdim=True), squared, math.inf), index
+
+
+def distance_factors(target: Tensor, target_returns: Tensor) -> Tensor:
+    """Return ``[S, 3, M]`` by which rows (x, y, 1) give squared distances, less their own squares.
+
+    Args:
+        target: ``[S, M, 2]`` m.
+        target_returns: ``[S, M]`` bool; the distance of other points is infinite.
+
+    Example:
+        >>> is_return = torch.tensor([[True]])
+        >>> target = torch.tensor([[[1.0, 0.5]]])
+        >>> torch.tensor([1.0, 0.0, 1.0]) @ distance_factors(target, is_return)
+        tensor([[-0.7500]])
+    """
+    squares = torch.where(target_returns, target.square().sum(-1), math.inf).unsqueeze(-2)
+    return torch.cat([-2.0 * target.transpose(-1, -2), squares], dim=-2)
 
 
 def pair_weights(

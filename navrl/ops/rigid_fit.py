@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from navrl.ops import se2
-from navrl.ops.exporting import is_exporting
 
 
 def fit_rigid(source: Tensor, target: Tensor, weight: Tensor) -> Tensor:
@@ -31,8 +30,6 @@ def fit_rigid(source: Tensor, target: Tensor, weight: Tensor) -> Tensor:
         tensor([0., 2., 0.])
     """
     weight = weight / weight.sum(-1, keepdim=True).clamp(min=1e-12)
-    if is_exporting():
-        return fit_by_moments(source, target, weight)
     source_mean = torch.stack([(weight * source[..., i]).sum(-1) for i in (0, 1)], dim=-1)
     target_mean = torch.stack([(weight * target[..., i]).sum(-1) for i in (0, 1)], dim=-1)
     source_x, source_y = (source - source_mean.unsqueeze(-2)).unbind(-1)
@@ -42,28 +39,3 @@ def fit_rigid(source: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     yaw = torch.atan2(sin, cos)
     translation = target_mean - se2.rotate(source_mean, yaw)
     return torch.cat([translation, yaw.unsqueeze(-1)], dim=-1)
-
-
-def fit_by_moments(source: Tensor, target: Tensor, share: Tensor) -> Tensor:
-    """Return :func:`fit_rigid` from matrix products, which take few operations in a graph.
-
-    Moments are subtracted instead of means, whose rounding requires float64.
-
-    Args:
-        source: ``[*B, N, 2]`` m.
-        target: ``[*B, N, 2]`` m, matched with ``source`` by index.
-        share: ``[*B, N]``, weights with the sum 1, or all zero.
-
-    Example:
-        >>> source = torch.tensor([[0.0, 0.0], [1.0, 0.0]])
-        >>> fit_by_moments(source, source + torch.tensor([0.0, 2.0]), torch.full((2,), 0.5))
-        tensor([0., 2., 0.])
-    """
-    row = share.unsqueeze(-2)
-    source_mean, target_mean = row @ source, row @ target  # [*B, 1, 2]
-    moments = (source * share.unsqueeze(-1)).transpose(-1, -2) @ target
-    covariance = moments - source_mean.transpose(-1, -2) * target_mean
-    xx, xy, yx, yy = covariance.flatten(-2).split(1, dim=-1)
-    yaw = torch.atan2(xy - yx, xx + yy)
-    translation = target_mean - source_mean @ se2.rotation_rows(yaw)
-    return torch.cat([translation.squeeze(-2), yaw], dim=-1)

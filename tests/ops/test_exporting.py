@@ -4,16 +4,17 @@ import math
 
 import pytest
 import torch
+from aligned_scans import Aligned, scans
 from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
-from navrl.ops import exporting
-from navrl.ops.icp import align
+from navrl.ops import exporting, se2
+from navrl.ops.icp_graph import Tables, rigid_step, step_matrix
 from navrl.ops.icp_options import PAPER, ROBUST
 from navrl.ops.icp_pairs import nearest_by_product, nearest_returns
 from navrl.ops.path import point_at, project_onto_path
-from navrl.ops.rigid_fit import fit_by_moments, fit_rigid
+from navrl.ops.rigid_fit import fit_rigid
 
 
 @pytest.fixture
@@ -54,36 +55,28 @@ def test_product_finds_the_nearest_returns(generator):
     assert squared[0].isinf().all()
 
 
-def test_moments_give_the_rigid_fit(generator):
+def test_product_gives_the_rigid_fit(generator):
     source = 3.5 * torch.rand(8, 50, 2, generator=generator, dtype=torch.float64)
     target = 3.5 * torch.rand(8, 50, 2, generator=generator, dtype=torch.float64)
     weight = (torch.rand(8, 50, generator=generator) < 0.5).double()
     weight[0] = 0.0
-    share = weight / weight.sum(-1, keepdim=True).clamp(min=1e-12)
-    torch.testing.assert_close(
-        fit_by_moments(source, target, share), fit_rigid(source, target, weight)
-    )
+    ones = torch.ones(8, 50, 1, dtype=torch.float64)
+    rows = [torch.cat([points, ones], dim=-1) for points in (source, target)]
+    tables = Tables.like(source)
+    step, pairs = rigid_step(*rows, weight.unsqueeze(-1), tables)
+    expected = fit_rigid(source, target, weight)
+    yaw = torch.atan2(step[:, 0, 1], step[:, 0, 0])
+    torch.testing.assert_close(torch.cat([step[:, 0, 2:], yaw[:, None]], -1), expected)
+    torch.testing.assert_close(pairs.flatten(), weight.sum(-1))
+    moved = (rows[0] @ step_matrix(step, tables))[..., :2]
+    torch.testing.assert_close(moved, se2.transform_points(expected, source))
 
 
-class Aligned(nn.Module):
-    def __init__(self, options):
-        super().__init__()
-        self.options = options
-
-    def forward(self, source, returns, target):
-        found = align(source, returns, target, returns, self.options)
-        return found.transform, found.converged, found.inliers
-
-
-def scans(generator, count=4, num_points=60):
-    """A room seen from two places, one of the rows without a return."""
-    angle = torch.arange(num_points) * (2.0 * math.pi / num_points)
-    reach = 1.5 + 0.5 * torch.cos(4.0 * angle) + 0.01 * torch.rand(count, num_points)
-    source = reach.unsqueeze(-1) * torch.stack([angle.cos(), angle.sin()], dim=-1)
-    shift = 0.1 * torch.rand(count, 1, 2, generator=generator)
-    returns = torch.ones(count, num_points, dtype=torch.bool)
-    returns[-1] = False
-    return source, returns, source + shift
+def test_rows_are_taken_per_scan(generator):
+    values = torch.rand(3, 5, 2, generator=generator)
+    index = torch.tensor([[0, 4], [2, 2], [1, 3]])
+    expected = torch.stack([scan[own] for scan, own in zip(values, index, strict=True)])
+    assert torch.equal(exporting.take_rows(values, index), expected)
 
 
 @pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
