@@ -110,21 +110,42 @@ OWN_TESTS = {
     "own_policy.md",
     "places.md",
 }  # tests of these names
-# Parts of the first are in other commands; 20 s of starting processes. A minute of a C++ compiler.
-NIGHTLY = (
-    "navrl-benchmark 'rows=[workers,update,training]'",
-    "navrl-benchmark 'rows=[compile]'",
-)
+# Outside of the README these run every night; by day their configurations are composed.
+LONG = re.compile(r"navrl-(train|search|export|benchmark) |navrl-\w+ -m ")
+
+
+def produced(command: str) -> str | None:
+    """Return the folder that a command writes, if the page can name it."""
+    folder = re.search(r"hydra\.(?:run|sweep)\.dir=(\S+)", command)
+    sweep = re.search(r"^navrl-(\w+) .*\bsweep=(\w+)", command)
+    return folder[1] if folder else f"outputs/{sweep[1]}/{sweep[2]}" if sweep else None
+
+
+def needed(page: Path, command: str) -> list[str]:
+    """Return the commands further up the page whose folder this one reads or continues."""
+    before = list(itertools.takewhile(lambda other: other != command, pages.commands(page)))
+    reads = f"{command} {produced(command)}"
+    return [other for other in before if (folder := produced(other)) and folder in reads]
+
+
+def is_long(page: Path, command: str) -> bool:
+    """Return whether a command, or one that it needs, is left to the night."""
+    return page.name != "README.md" and any(map(LONG.match, [command, *needed(page, command)]))
+
+
 COMMANDS = [
     pytest.param(
         *(page, command),
         id=f"{page.name}-{k}",
-        marks=pytest.mark.slow if command.startswith(NIGHTLY) else (),
+        marks=pytest.mark.slow if is_long(page, command) else (),
     )
     for page in pages.PAGES
     if page.name not in OWN_TESTS
     for k, command in enumerate(pages.commands(page))
     if not command.startswith(tuple(OTHERS))
+]
+LONG_COMMANDS = [
+    pytest.param(*case.values, id=case.id) for case in COMMANDS if LONG.match(case.values[1])
 ]
 SWEEPS = [case for case in COMMANDS if re.match(r"navrl-(train|evaluate) -m ", case.values[1])]
 
@@ -179,20 +200,6 @@ def two_jobs(command: str) -> str:
     kept[last] = [several[last][0], several[last][-1]]
     words = [word for word in shlex.split(command) if word.partition("=")[0] not in several]
     return shlex.join([*words, *(f"{key}={','.join(values)}" for key, values in kept.items())])
-
-
-def produced(command: str) -> str | None:
-    """Return the folder that a command writes, if the page can name it."""
-    folder = re.search(r"hydra\.(?:run|sweep)\.dir=(\S+)", command)
-    sweep = re.search(r"^navrl-(\w+) .*\bsweep=(\w+)", command)
-    return folder[1] if folder else f"outputs/{sweep[1]}/{sweep[2]}" if sweep else None
-
-
-def needed(page: Path, command: str) -> list[str]:
-    """Return the commands further up the page whose folder this one reads or continues."""
-    before = list(itertools.takewhile(lambda other: other != command, pages.commands(page)))
-    reads = f"{command} {produced(command)}"
-    return [other for other in before if (folder := produced(other)) and folder in reads]
 
 
 class Bench:
@@ -268,10 +275,24 @@ def test_printed_command_runs(page, command, bench, capsys):
     assert shlex.split(command)[0] in SHORTER, command
     if not any(word in command for word in ELSEWHERE):
         return check(bench, page, command)
-    single = re.sub(r"(?<=\s)(-m|hydra/\S+|hydra\.launcher\S+)(?=\s)", "", f"{command} ")
-    single = re.sub(r"=([^\s,\[]+),\S+", r"=\1", single)  # the first of each choice
-    pages.run(single, "--cfg", "job")
+    composed(command)
     assert "collector:" in capsys.readouterr().out
+
+
+def composed(command: str) -> None:
+    """Print the configuration of a command, of a sweep's first job."""
+    several = choices(command) if " -m " in command else {}
+    first = {key: values[0] for key, values in several.items()}
+    words = [word for word in shlex.split(command) if not re.match(r"-m$|hydra/|hydra\.l", word)]
+    words = [word for word in words if word.partition("=")[0] not in first]
+    single = shlex.join([*words, *(f"{key}={value}" for key, value in first.items())])
+    pages.run(single, "--cfg", "job")
+
+
+@pytest.mark.parametrize(("page", "command"), LONG_COMMANDS)
+def test_printed_command_has_a_configuration(page, command, capsys):
+    composed(shortened(command)[0])
+    assert len(capsys.readouterr().out.splitlines()) > 10
 
 
 @pytest.mark.slow

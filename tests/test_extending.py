@@ -117,6 +117,7 @@ def test_own_transform(here):
     assert evaluate("policy=outputs/train/mast")["policy"] == "mast"
 
 
+@pytest.mark.slow
 def test_own_pooling(here):
     run = here / train("transforms=median")
     finished(run)
@@ -125,6 +126,7 @@ def test_own_pooling(here):
     torch.testing.assert_close(td["ranges_pooled"], beams.median(-1).values)
 
 
+@pytest.mark.slow
 def test_own_world_from_a_map(here):
     (script,) = [text for text in pages.blocks(PAGE, "python") if "plan.png" in text]
     exec(compile(script, "plan", "exec"), {})
@@ -135,6 +137,7 @@ def test_own_world_from_a_map(here):
     assert occupied.sum() == 88
 
 
+@pytest.mark.slow
 def test_own_logger(here, capsys):
     run = here / train("logger=lines")
     finished(run)
@@ -143,6 +146,7 @@ def test_own_logger(here, capsys):
     assert not (run / "tensorboard").exists()
 
 
+@pytest.mark.slow
 def test_own_collector(here):
     run = here / train("collector=turns")
     cfg, _ = finished(run)
@@ -156,6 +160,7 @@ def test_own_picture(here):
     assert matplotlib.image.imread("outputs/plot/mine/commands.png").std() > 0
 
 
+@pytest.mark.slow
 def test_own_world(here, capsys):
     (script,) = [text for text in pages.blocks(PAGE, "python") if "my_package.hall" in text]
     exec(compile(script, "extending.md", "exec"), {"__name__": "script"})
@@ -167,6 +172,7 @@ def test_own_world(here, capsys):
     assert evaluate("suite=pillar_hall")["by_scenario"].keys() == {"hall"}
 
 
+@pytest.mark.slow
 def test_own_robot(here):
     run = here / train("robot=cart")
     finished(run)
@@ -179,6 +185,7 @@ def test_own_robot(here):
     assert (env.base_env.simulator.state().pose[:, :2] - before).norm(dim=-1).max() > 0
 
 
+@pytest.mark.slow
 def test_own_lidar(here):
     run = here / train("experiment=long_range")
     cfg, _ = finished(run)
@@ -188,6 +195,7 @@ def test_own_lidar(here):
     assert cfg.transforms.normalize.scale == cfg.transforms.tagd.max_range == 8.0
 
 
+@pytest.mark.slow
 def test_own_stream(here):
     run = here / train("experiment=point_set")
     finished(run)

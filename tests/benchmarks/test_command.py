@@ -57,6 +57,7 @@ def measured(folder):
     (folder / "printed").write_text(printed.getvalue())
 
 
+@pytest.mark.slow
 def test_the_json_has_all_rows_with_proper_numbers(run):
     report = json.loads((run[0] / "benchmark.json").read_text())
     rows = {row["key"]: row for row in report["rows"]}
@@ -71,6 +72,7 @@ def test_the_json_has_all_rows_with_proper_numbers(run):
     assert sum(shares) == pytest.approx(100, abs=5)
 
 
+@pytest.mark.slow
 def test_table_contains_every_limit(run):
     report = json.loads((run[0] / "benchmark.json").read_text())
     bars = {row["key"]: row["bar"] for row in report["rows"] if row["bar"]}
@@ -91,6 +93,7 @@ def test_table_contains_every_limit(run):
         assert bars[key] == {"limit": limit, "least": least}, key
 
 
+@pytest.mark.slow
 def test_one_table_is_printed_with_every_row(run):
     report = json.loads((run[0] / "benchmark.json").read_text())
     table = [line for line in run[1].splitlines() if line.startswith("| ")]
@@ -98,6 +101,7 @@ def test_one_table_is_printed_with_every_row(run):
     assert report["machine"]["processor"] in run[1]
 
 
+@pytest.mark.slow
 def test_missing_peers_are_named(run):
     report = json.loads((run[0] / "benchmark.json").read_text())
     keys, skipped = {row["key"] for row in report["rows"]}, " ".join(report["skipped"])
@@ -107,6 +111,7 @@ def test_missing_peers_are_named(run):
         assert (f"{name}: not installed" in skipped) != is_there
 
 
+@pytest.mark.slow
 def test_picture_is_written(run):
     assert (run[0] / "benchmark.png").read_bytes().startswith(b"\x89PNG")
     text = (run[0] / "benchmark.svg").read_text()

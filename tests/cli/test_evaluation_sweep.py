@@ -82,6 +82,7 @@ def test_folder_names_are_short_and_distinct():
     assert folder_name("../..") == "job"
 
 
+@pytest.mark.slow
 def test_one_word_sweeps_over_suites(tmp_path, evaluate):
     words = ["sweep=speed", "policy=stand_still", "suite=speed_corridor,speed_office"]
     words += ["suite.distribution.speed=[0.2,0.2],[1.0,1.0]", *TINY[1:-1]]

@@ -65,6 +65,7 @@ def test_callable_and_process_are_in_one_table(here, capsys):
     assert rows[0] == rows[1]
 
 
+@pytest.mark.slow
 def test_changed_program_is_evaluated_again(here, capsys):
     command = f"process:{sys.executable} remote.py"
     first = evaluate(command, "run")

@@ -126,6 +126,7 @@ def test_results_without_hashes_are_evaluated_again(tmp_path):
     assert finished_evaluation(cfg, tmp_path) is None
 
 
+@pytest.mark.slow
 def test_unfinished_episodes_of_other_parameters_are_repeated(tmp_path, monkeypatch):
     """What was cut off before a controller's file changed is no part of the result."""
     controllers = tmp_path / "conf" / "controller"
@@ -172,6 +173,7 @@ def test_no_recordings_are_missing_without_failures(tmp_path, monkeypatch):
     assert finished_evaluation(cfg, tmp_path) == summary
 
 
+@pytest.mark.slow
 def test_changed_number_of_timed_episodes_is_timed(tmp_path):
     cfg, _ = played(tmp_path, "latency=1", policy="stand_still")
     first = measure_latency(cfg, tmp_path)

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 import torch
+from nightly import mostly
 
 from navrl.config import compose
 from navrl.evaluation import METRICS, EpisodeRecord, Trajectory, measure
@@ -94,7 +95,7 @@ def start_cut_off(arguments, folder):
     return child
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("processes", mostly([1, 2], [1]))
 def test_killed_evaluation_resumes(alone, tmp_path, processes, request):
     """SIGKILL as soon as a chunk is finished; then the same command."""
     simulator, expected = alone
@@ -180,7 +181,7 @@ def test_failed_episode_is_stored_with_its_reproduction(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("policy", ["random", "paper"])
-@pytest.mark.parametrize("simulator", ["batched", "bullet"])
+@pytest.mark.parametrize("simulator", mostly(["batched", "bullet"], ["batched"]))
 def test_recording_changes_no_result(tmp_path, policy, simulator):
     options = {"policy": policy, "simulator": simulator}
     plain = play(tmp_path / "plain", **options)
@@ -202,7 +203,7 @@ def test_recording_changes_no_result(tmp_path, policy, simulator):
         assert (one.spatial_attention is not None) == (policy == "paper")
 
 
-@pytest.mark.parametrize("simulator", ["batched", "bullet"])
+@pytest.mark.parametrize("simulator", mostly(["batched", "bullet"], ["batched"]))
 @pytest.mark.parametrize(
     "policy, contact",
     [("stand_still", "hit_by_pedestrian"), ("pure_pursuit", "moved_into_pedestrian")],
@@ -266,6 +267,7 @@ def test_values_out_of_range_are_not_rounded():
     assert restored(kept)["ranges"].tolist() == [3.5, 0.0]
 
 
+@pytest.mark.slow
 def test_drawing_a_recording_needs_no_simulator(tmp_path):
     play(tmp_path / "run", "recordings=all", "suite.num_episodes=1")
     code = (

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from evaluated import HIT, WON, write_evaluation
+from nightly import mostly
 from scipy.stats import permutation_test
 
 from navrl.evaluation import compare, find_evaluations, markdown, metrics_markdown
@@ -22,7 +23,7 @@ from navrl.evaluation.tables import write_comparison
 DRAWS = 600
 
 
-@pytest.mark.parametrize("pairs", [6, 7, 8, 10, 12, 14, 20])
+@pytest.mark.parametrize("pairs", mostly([6, 7, 8, 10, 12, 14, 20], [6, 7, 8]))
 @pytest.mark.parametrize("shape", ["normal", "skewed"])
 def test_tests_reject_in_five_percent(pairs, shape):
     """Both runs draw from one distribution; an exact test is allowed to fire less, never more."""

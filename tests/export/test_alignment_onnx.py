@@ -13,7 +13,11 @@ onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 NAMES = ["source", "returns", "target"]
 
 
-@pytest.fixture(scope="module", params=[PAPER, ROBUST], ids=["paper", "robust"])
+@pytest.fixture(
+    scope="module",
+    params=[PAPER, pytest.param(ROBUST, marks=pytest.mark.slow)],
+    ids=["paper", "robust"],
+)
 def converted(request):
     module = Aligned(request.param)
     inputs = scans(torch.Generator().manual_seed(0), num_points=180)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from nightly import mostly
 
 import navrl
 from navrl.config import compose
@@ -27,10 +28,7 @@ pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 ROOT = Path(__file__).parents[2]
 LOADER = ROOT / "navrl" / "export" / "onnx_policy.py"
-FAST = ("paper", "navrl-best-predictive")
-POLICIES = [
-    name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in zoo_names()
-]
+POLICIES = mostly(zoo_names(), ["paper"])
 
 
 @pytest.fixture(scope="module")

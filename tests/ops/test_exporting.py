@@ -79,6 +79,7 @@ def test_rows_are_taken_per_scan(generator):
     assert torch.equal(exporting.take_rows(values, index), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [PAPER, ROBUST], ids=["paper", "robust"])
 def test_exported_alignment_equals_the_kernel(options, generator):
     inputs = scans(generator)

@@ -100,6 +100,7 @@ def test_workers_send_transitions_and_receive_weights(kind, tmp_path, monkeypatc
         assert not ray.is_initialized()
 
 
+@pytest.mark.slow
 def test_failed_worker_ends_the_run(tmp_path):
     """Rather than letting it wait for ever; what the last checkpoint holds is safe."""
     trainer = Watched(tmp_path, ["collector=process"]).trainer

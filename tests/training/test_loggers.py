@@ -152,6 +152,7 @@ def test_logger_that_cannot_open_is_one_error(tmp_path):
         Loggers({"x": broken}, tmp_path)
 
 
+@pytest.mark.slow
 def test_training_mirrors_its_log_and_video(tmp_path):
     loggers = ["logger=[csv]", "video_every_validations=2"]
     trainer = tiny_trainer(tmp_path / "seen", [*SHORT, *loggers])
