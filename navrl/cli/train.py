@@ -94,8 +94,9 @@ def _report(cfg: DictConfig, folder: Path) -> float:
     viz.save_png(recording, folder / "episode.png", policy=folder.name)
     summary = jobs.run_evaluation(_scoring(cfg, folder), folder / "evaluation")
     log.info(
-        "best policy on %s: %.1f %% success over %d episodes; all files are in %s",
+        "best policy on %s, %s: %.1f %% success over %d episodes; all files are in %s",
         summary["suite"],
+        summary["simulator"],  # with its pedestrian model, if that is reactive
         100 * summary["success_rate"],
         summary["episodes"],
         folder,

@@ -15,7 +15,7 @@ from navrl.deploy import PolicyRunner
 
 _RANGE_STEP = 1e-3  # m, so that ranges take two bytes
 _NUDGE = 1e-6  # m; float32 resolves 2.4e-7 m at 3.5 m
-_JUMP = 1e-3  # m/s or rad/s; a command that is continuous in the scan changes by 1e-5
+_JUMP = 1e-5  # m/s or rad/s, the tolerance of a file: such a change by a nudge alone uses it up
 _NUDGED = 8  # runners with such scans; each crosses a threshold with a probability of one half
 
 
@@ -27,9 +27,10 @@ def record(
 ) -> dict[str, np.ndarray]:
     """Return the sensor values of drives in a row and the runner's commands.
 
-    A drive ends before a step at which the command jumps if the scans change by a millionth of a
-    meter, e.g. where ICP just stops or a shield just replaces a command: there the rounding of
-    another engine or processor decides, and a difference says nothing about the file.
+    A drive ends before a step at which the command changes by more than the tolerance of a file if
+    the scans change by a millionth of a meter, e.g. where ICP just stops, a shield just replaces a
+    command, or a network is steep: there the rounding of another engine or processor decides, and a
+    difference says nothing about the file.
 
     Args:
         runner: Runner of the policy; it is reset before each drive.

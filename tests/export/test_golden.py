@@ -50,3 +50,17 @@ def test_drives_are_taken_only_as_needed():
 def test_too_few_steps_are_an_error():
     with pytest.raises(ValueError, match="golden_steps=3: must be at most 2"):
         record(Threshold(), [drive(2.5, 1.5, 2.0, 2.5)], ["ranges", "pose", "path"], 3)
+
+
+class Steep(Threshold):
+    """Runner whose turn rate rises by 50 rad/s per meter of the nearest range around 2 m."""
+
+    def act(self, scan, *others):
+        return np.array([0.5, 50.0 * np.clip(scan.min() - 2.0, -0.01, 0.01)])
+
+
+def test_drive_ends_before_a_steep_command():
+    """A nudge alone moves it by more than the tolerance of a file."""
+    drives = [drive(2.5, 2.005, 2.5), drive(1.5, 2.5)]
+    golden = record(Steep(), drives, ["ranges", "pose", "path"], 3)
+    assert golden["ranges_mm"][:, 3].tolist() == [2500, 1500, 2500]
