@@ -19,6 +19,7 @@ def simplify(model: onnx_ir.Model) -> None:
     for graph in graphs:
         part = onnx_ir.Model(graph, ir_version=model.ir_version)
         CommonSubexpressionEliminationPass()(part)
+    _drop_unused(model.graph)
 
 
 def _hoist(graph: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
@@ -34,6 +35,32 @@ def _hoist(graph: onnx_ir.Graph, loop: onnx_ir.Node) -> None:
             continue
         body.remove(node)
         graph.insert_before(loop, node)
+
+
+def _drop_unused(graph: onnx_ir.Graph) -> None:
+    """Remove nodes and constants without effect, of which ONNX Runtime would warn.
+
+    onnx_ir's own pass keeps what a loop read that the exporter has removed.
+    """
+    used = set(graph.outputs)
+    for node in reversed(list(graph)):
+        if used & set(node.outputs):
+            used |= _read(node)
+        else:
+            graph.remove(node)
+    for name in [name for name, value in graph.initializers.items() if value not in used]:
+        del graph.initializers[name]
+
+
+def _read(node: onnx_ir.Node) -> set[onnx_ir.Value | None]:
+    """Return the values that a node and its graphs read."""
+    read = set(node.inputs)
+    for attribute in _subgraphs(node):
+        body = attribute.as_graph()
+        read |= set(body.outputs)
+        for inner in onnx_ir.traversal.RecursiveGraphIterator(body):
+            read |= set(inner.inputs)
+    return read
 
 
 def _fix_shapes(body: onnx_ir.Graph, loop: onnx_ir.Node) -> None:

@@ -45,3 +45,17 @@ def test_steps_of_an_alignment_have_few_operations(converted):
     counts = [len(loop.attributes["body"].as_graph()) for loop in loops]
     assert all(count <= limit for count, limit in zip(counts, [70, 160], strict=False))
     assert counts
+
+
+class WithoutAlignment(Aligned):
+    def forward(self, source, returns, target):
+        super().forward(source, returns, target)
+        return (2.0 * source,)
+
+
+def test_unused_alignment_leaves_no_constants():
+    """ONNX Runtime warns of each, whenever a file is loaded."""
+    inputs = scans(torch.Generator().manual_seed(0), num_points=20)
+    model = _converted(WithoutAlignment(PAPER), NAMES, inputs, ["doubled"])
+    assert [node.op_type for node in model.graph] == ["Mul"]
+    assert len(model.graph.initializers) == 1
