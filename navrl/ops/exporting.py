@@ -88,7 +88,7 @@ def first_minimum(values: Tensor) -> Tensor:
 
 
 def take_rows(values: Tensor, index: Tensor) -> Tensor:
-    """Return the rows ``[S, N, K]`` of ``values [S, M, K]`` at ``index [S, N]``, as copies of rows.
+    """Return the rows ``[S, N, K]`` of ``values [S, M, K]`` at ``index [S, N]``.
 
     Example:
         >>> take_rows(torch.tensor([[[5.0], [6.0], [7.0]]]), torch.tensor([[2, 0]]))

@@ -77,6 +77,18 @@ def iterate(
     Returns:
         ``[S, 3]`` transform, ``[S]`` bool whether it is unfinished, and ``[S]`` int64 matched pairs
         of the last iteration.
+
+    Example:
+        >>> class Aligned(torch.nn.Module):
+        ...     def forward(self, start, source, target):
+        ...         every = torch.ones_like(source[..., 0], dtype=torch.bool)
+        ...         return iterate(start, (source, every, target, every), None, IcpOptions())
+        >>> angle = torch.linspace(0.0, 6.0, 40, dtype=torch.float64)
+        >>> source = torch.stack([2.0 * angle.cos(), angle.sin()], dim=-1)[None]
+        >>> scans = (torch.zeros(1, 3, dtype=torch.float64), source, source + 0.05)
+        >>> exported = torch.export.export(Aligned(), scans, strict=False).module()
+        >>> exported(*scans)[0].round(decimals=2)
+        tensor([[0.0500, 0.0500, 0.0000]], dtype=torch.float64)
     """
     source, source_returns, target, target_returns = scans
     points, table = _with_ones(source), _with_ones(target)

@@ -59,7 +59,9 @@ def nearest_by_product(
 
 
 def distance_factors(target: Tensor, target_returns: Tensor) -> Tensor:
-    """Return ``[S, 3, M]`` by which rows (x, y, 1) give squared distances, less their own squares.
+    """Return the factors ``[S, 3, M]`` of rows (x, y, 1) in squared distances to the target.
+
+    The product lacks the row's own square, which does not change which point is nearest.
 
     Args:
         target: ``[S, M, 2]`` m.
