@@ -18,7 +18,6 @@ from navrl.deploy.paths import simplified_path
 from navrl.deploy.safety import DriveState
 from navrl.ops.scanner import Scanner
 
-_MAX_AHEAD_S = 1.0  # from the last tick to a stamp; more is a wrong clock, or a jump of all clocks
 _MIN_EQUAL = 3  # scans; two equal ones may be one message that was received twice
 
 ScanLimits: TypeAlias = tuple[float | None, float | None, float | None, float | None]
@@ -51,8 +50,8 @@ class RobotInputs:
     """Inputs of a controller; not thread-safe, the controller holds its lock.
 
     A value that is refused also drops the one before it, so that a broken source stops the robot;
-    of odometry, the motion until then is retained. A stamp more than 1 s after the last tick is
-    refused; one that is in the future of a tick is dropped there, so that later ones are used.
+    of odometry, the motion until then is retained. A stamp that is in the future of a tick is
+    dropped there, so that later ones are used; between ticks, time may pass.
 
     Args:
         scanner: Mount and readings of the lidar; angles of scans that come without.
@@ -68,7 +67,6 @@ class RobotInputs:
         self._pose: tuple[float, np.ndarray] | None = None
         self._map_from_odometry: np.ndarray | None = None
         self._unchanged_since, self._num_equal = -math.inf, 0
-        self._now = -math.inf  # the last tick
         self._refused: dict[str, str] = {}  # reason by kind, until the next usable value
 
     def clear(self) -> None:
@@ -76,7 +74,6 @@ class RobotInputs:
         self.odometry.clear()
         self.commanded.clear()
         self.scan = self._pose = self._map_from_odometry = None
-        self._now = -math.inf
         self._refused.clear()
 
     @property
@@ -163,18 +160,13 @@ class RobotInputs:
             raise
 
     def _check_stamp(self, stamp: float) -> None:
-        """Check that a time is finite and not far ahead of the last tick.
+        """Check that a time is finite.
 
         Raises:
             ValueError: If it is not.
         """
         if not is_finite(stamp):
             raise ValueError(f"stamp={stamp!r}: must be finite (s)")
-        if math.isfinite(self._now) and stamp > self._now + _MAX_AHEAD_S:
-            raise ValueError(
-                f"stamp={stamp:.3f}: must be at most {_MAX_AHEAD_S:g} s after the last tick, which "
-                f"was at {self._now:.3f} s"
-            )
 
     def drop_future(self, now: float, skew: float) -> int:
         """Drop values that are stamped more than ``skew`` after ``now``, s; return their number."""
@@ -202,7 +194,6 @@ class RobotInputs:
 
     def advance(self, now: float, command: tuple[float, float], duration: float) -> None:
         """Integrate a command (v, w) that was held for ``duration`` until ``now``, s."""
-        self._now = now
         moved = self.commanded
         pose = moved.pose_at(moved.stamp) if len(moved) else np.zeros(3)
         moved.add(now, driven_pose(pose, command, duration), command)

@@ -148,13 +148,19 @@ def future(control, kind, stamp):
 
 @pytest.mark.parametrize("kind", ["scan", "pose", "odometry"])
 def test_one_stamp_far_ahead_stops_until_the_next_input(driving, kind):
-    with pytest.raises(ValueError, match=r"^stamp=1010\.200: must be at most 1 s after the last"):
-        future(driving, kind, 1010.2)
+    future(driving, kind, 1010.2)
     state = DriveState.STALE_SCAN if kind == "scan" else DriveState.STALE_POSE
     assert driving.tick(10.1) == (0.0, 0.0, state)
-    assert driving.status.reason.startswith(f"{kind} refused: stamp=1010.200")
+    assert driving.status.reason == f"{kind} stamped 1000.10 s in the future"
     feed(driving, 10.2)
     assert driving.tick(10.2).v == 1.0
+
+
+@pytest.mark.parametrize("pause", [1.01, 3600.0])
+def test_robot_drives_on_after_a_pause_of_the_loop(driving, pause):
+    now = 10.0 + pause
+    feed(driving, now)
+    assert driving.tick(now).v == 1.0
 
 
 @pytest.mark.parametrize("kind", ["scan", "pose", "odometry"])
@@ -170,13 +176,9 @@ def test_future_stamp_before_a_tick_is_dropped_there(kind, ahead):
     assert control.tick(10.2).v == 1.0
 
 
-def test_jump_of_all_clocks_stops_for_one_tick(driving):
-    for kind in ("scan", "pose", "odometry"):
-        with pytest.raises(ValueError, match="stamp=70"):
-            future(driving, kind, 70.0)
-    assert driving.tick(70.0)[:2] == (0.0, 0.0)
-    feed(driving, 70.2)
-    assert driving.tick(70.2).v == 1.0
+def test_jump_of_all_clocks_stops_for_at_most_one_tick(driving):
+    feed(driving, 70.0)
+    assert driving.tick(70.0).v == 1.0
     assert driving.tick(10.4)[:2] == (0.0, 0.0)  # and back
     feed(driving, 10.6)
     assert driving.tick(10.6).v == 1.0
