@@ -12,10 +12,10 @@ import numpy as np
 
 from navrl import keys
 from navrl.deploy import PolicyRunner
+from navrl.export.onnx_policy import TOLERANCE
 
 _RANGE_STEP = 1e-3  # m, so that ranges take two bytes
 _NUDGE = 1e-6  # m; float32 resolves 2.4e-7 m at 3.5 m
-_JUMP = 1e-5  # m/s or rad/s, the tolerance of a file: such a change by a nudge alone uses it up
 _NUDGED = 8  # runners with such scans; each crosses a threshold with a probability of one half
 
 
@@ -95,7 +95,7 @@ def _jumps(
     """Return whether runners with almost the same scan give another command."""
     shifts = generator.uniform(-_NUDGE, _NUDGE, (len(nudged), len(scan)))
     near = [each.act(scan + shift, *others) for each, shift in zip(nudged, shifts, strict=True)]
-    return bool(np.abs(np.array(near) - command).max() > _JUMP)
+    return bool(np.abs(np.array(near) - command).max() > TOLERANCE)
 
 
 def _others(given: Mapping[str, Any], drive: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
