@@ -57,6 +57,7 @@ def with_base_packages():
     )
 
 
+@pytest.mark.slow
 def test_base_packages_suffice_for_transforms_and_networks(with_base_packages):
     done = with_base_packages
     assert "[2, 90, 2]" in done.stdout, done.stderr[-2000:]

@@ -106,6 +106,7 @@ def test_every_documented_file_is_used_by_a_command():
             assert any(f"{module}." in text for text in (*texts.values(), chosen)), name
 
 
+@pytest.mark.slow
 def test_own_transform(here):
     run = here / train("transforms=mast")
     cfg, _ = finished(run)
@@ -153,6 +154,7 @@ def test_own_collector(here):
     assert cfg.collector._target_ == "my_package.turns.Alternating"
 
 
+@pytest.mark.slow
 def test_own_picture(here):
     play = "environment.time_limit_steps=3 policy=stand_still hydra.run.dir=outputs/play/mine"
     pages.run(f"navrl-play {play}")
@@ -248,6 +250,7 @@ def test_own_controller(here):
     assert (summary["policy"], summary["errors"], summary["privileged"]) == ("mine", 0, False)
 
 
+@pytest.mark.slow
 def test_own_controller_in_several_processes(here):
     shutil.rmtree("outputs/evaluate/mine", ignore_errors=True)
     tiny = [word for word in TINY_EVALUATION if word != "num_worlds=2"]
@@ -255,6 +258,7 @@ def test_own_controller_in_several_processes(here):
     assert json.loads(Path("outputs/evaluate/mine/summary.json").read_text())["errors"] == 0
 
 
+@pytest.mark.slow
 def test_own_function_is_compared_with_paper(here, capsys):
     for name in ("plain", "paper"):
         pages.run(printed(f"hydra.run.dir=outputs/evaluate/{name}"), *TINY_EVALUATION[:-1])

@@ -32,6 +32,7 @@ def run_code(code):
     exec(compile(code, PAGE.name, "exec"), {"__name__": "snippet"})
 
 
+@pytest.mark.slow
 def test_map_becomes_an_evaluated_and_reported_suite(folder):
     commands = pages.commands(PAGE)
     assert len(commands) == 6

@@ -53,6 +53,7 @@ def test_function_and_class_are_evaluated(here):
     assert evaluate("my_policies:KeepDistance") == ("KeepDistance", ["scan"])
 
 
+@pytest.mark.slow
 def test_own_policy_is_compared_with_the_papers(here, capsys):
     mine, paper, compared = [line for line in COMMANDS if any(part in line for part in COMPARISON)]
     for command in (mine, paper):
@@ -69,6 +70,7 @@ def test_process_is_evaluated_and_played(here):
     assert Path("play/episode.gif").is_file()
 
 
+@pytest.mark.slow
 def test_following_process_reaches_goals_without_pedestrians(here):
     empty = ["suite.distribution.num_dynamic=[0,0]", "suite.distribution.num_static=[0,0]"]
     empty += ["suite.version=null", "environment.time_limit_steps=300"]

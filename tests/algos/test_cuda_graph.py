@@ -119,7 +119,9 @@ def test_guarded_update_equals_the_plain_update():
     assert_updates_alike(guarded(make_learner()), make_learner(), "cpu")
 
 
-@pytest.mark.parametrize("algorithm", [DDPG, partial(TD3, target_noise=0.0)])
+@pytest.mark.parametrize(
+    "algorithm", [DDPG, pytest.param(partial(TD3, target_noise=0.0), marks=pytest.mark.slow)]
+)
 def test_batched_updates_equal_single_updates(algorithm):
     learner = guarded(make_learner(algorithm=algorithm))
     assert_many_are_one_by_one(learner, make_learner(algorithm=algorithm), "cpu")

@@ -14,6 +14,7 @@ OPTIONS += ["network=small", "replay.batch_size=8"]
 BARS = {"gpu.steps": "≥ 1,000,000", "gpu.update_recorded": "≥ 1,500", "gpu.paper": "≤ 10"}
 
 
+@pytest.mark.slow
 def test_rows_have_their_limits():
     cfg = compose("benchmark", OPTIONS)
     env = _maker(cfg)(4)

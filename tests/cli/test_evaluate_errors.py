@@ -71,6 +71,7 @@ def test_evaluation_with_only_errors_fails(raising, capsys, tmp_path):
     assert len(list((tmp_path / "run" / "errors").iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_errors_are_in_the_printed_line(raising, capsys, tmp_path):
     scenario = instantiate(compose("evaluate", TINY[:-1]).suite).scenarios([1])[0]
     goal = ScenarioBatch.pack([scenario]).goal[0].numpy().tolist()

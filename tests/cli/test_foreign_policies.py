@@ -47,6 +47,7 @@ def evaluate(policy, folder, *more):
     return json.loads(Path(folder, "summary.json").read_text())
 
 
+@pytest.mark.slow
 def test_callable_and_process_are_in_one_table(here, capsys):
     command = f"process:{sys.executable} remote.py"
     called = evaluate("own_policies:ahead", "called")
@@ -78,6 +79,7 @@ def test_changed_program_is_evaluated_again(here, capsys):
     assert second["policy_hash"] != first["policy_hash"]
 
 
+@pytest.mark.slow
 def test_changed_module_is_evaluated_again(here):
     hashes = []
     for _ in range(2):

@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from simulated_a1 import STEP_S, SimulatedA1
 
 from navrl.deploy import Controller, SafetyLimits, load_scanner
@@ -10,6 +11,7 @@ from navrl.policies import ZOO
 MOUNT = (0.05, 0.0, math.pi)  # backwards, 5 cm ahead
 
 
+@pytest.mark.slow
 def test_nine_of_ten_episodes_arrive_with_another_lidar():
     scanner = load_scanner("rplidar_a1", mount=MOUNT, revolution_s=0.0)
     safety = SafetyLimits(min_measured_share=0.0)

@@ -29,6 +29,7 @@ def heard(robot):
     return log
 
 
+@pytest.mark.slow
 def test_doctor_finds_a_backward_mount_on_live_topics(heard):
     counts = {name: topic.count for name, topic in heard.topics.items()}
     assert counts["/scan"] > 20 and counts["/odom"] > 20 and counts["/amcl_pose"] > 20

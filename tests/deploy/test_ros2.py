@@ -40,6 +40,7 @@ def finish(process):
     assert process.wait(60) == 0, process.stderr.read()
 
 
+@pytest.mark.slow
 def test_node_arrives_and_stops_at_the_goal(robot):
     process = drive(robot)
     assert robot.run(15.0, lambda: robot.pose[0] > GOAL_X - 0.2 and robot.last == (0.0, 0.0))
@@ -74,7 +75,7 @@ def test_node_plans_to_goals_on_a_latched_map(robot):
     finish(process)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", mostly([signal.SIGINT, signal.SIGTERM], [signal.SIGTERM]))
 def test_last_command_of_an_interrupted_node_is_zero(robot, number):
     process = drive(robot)
     process.send_signal(number)
@@ -105,6 +106,7 @@ def test_emergency_stop_topic_stops_the_robot(robot):
     finish(process)
 
 
+@pytest.mark.slow
 def test_exception_in_a_callback_stops_the_robot(robot):
     code = (
         "from navrl.deploy import ros2\n"
@@ -161,6 +163,7 @@ def test_integers_are_accepted_and_unknown_names_reported():
     assert "listens to scan, odom, plan, emergency_stop, amcl_pose; publishes cmd_vel" in lines[-1]
 
 
+@pytest.mark.slow
 def test_stamped_commands_are_scaled():
     node = rclpy.create_node("stamped_robot")
     stamped = Robot(node, stamped=True)

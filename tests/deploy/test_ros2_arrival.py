@@ -125,6 +125,7 @@ def started(robot, *parameters, **arguments):
     return process
 
 
+@pytest.mark.slow
 def test_nine_of_ten_episodes_arrive_over_topics(robot):
     process = started(robot, "policy:=navrl-best")
 

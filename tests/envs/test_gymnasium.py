@@ -8,6 +8,7 @@ import pytest
 import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from nightly import mostly
 
 import navrl
 from navrl.config import compose, instantiate
@@ -156,7 +157,7 @@ def test_close_frees_the_simulator(is_reset):
 # --- rendering -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("simulator", ["batched", "bullet"])
+@pytest.mark.parametrize("simulator", mostly(["batched", "bullet"], ["batched"]))
 def test_frames_show_the_episode(simulator):
     env = make(f"simulator={simulator}", render_mode="rgb_array")
     env.reset(seed=0)

@@ -8,6 +8,7 @@ import pytest
 import torch
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from nightly import mostly
 
 from navrl import factory, keys
 from navrl.config import compose, instantiate
@@ -61,7 +62,7 @@ def drive(env, steps=6):
 
 
 @pytest.mark.parametrize("transforms", PIPELINES)
-@pytest.mark.parametrize("yaw", [3.14159265, -math.pi / 2, math.pi / 90])
+@pytest.mark.parametrize("yaw", mostly([3.14159265, -math.pi / 2, math.pi / 90], [math.pi / 90]))
 def test_mount_rotated_by_whole_bins_keeps_observations(transforms, yaw):
     plain, _ = make(transforms=transforms)
     turned, _ = make(f"[0.0, 0.0, {yaw}]", transforms)
@@ -176,7 +177,7 @@ def test_pooling_for_another_mount_is_rejected():
         PolicyRunner(MinPool(), None, lidar, robot)
 
 
-@pytest.mark.parametrize("increment", [0.25, -0.25])
+@pytest.mark.parametrize("increment", mostly([0.25, -0.25], [-0.25]))
 def test_lidar_of_270_degrees_pools_to_the_same_bins(increment):
     """What it sees is what a full circle of the same bearings sees; behind, there is no return."""
     first = math.radians(-135.0 if increment > 0 else 135.0)

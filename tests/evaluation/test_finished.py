@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 import torch
+from nightly import mostly
 from safetensors.torch import load_file, save_file
 
 from navrl.config import CONF_DIR, compose
@@ -97,7 +98,7 @@ def test_code_hash_covers_controllers_and_not_pictures(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["episodes.csv", "summary.json"])
-@pytest.mark.parametrize("damage", ["missing", "torn", "empty", "altered"])
+@pytest.mark.parametrize("damage", mostly(["missing", "torn", "empty", "altered"], ["altered"]))
 def test_damaged_results_are_evaluated_again(tmp_path, name, damage):
     folder = tmp_path / "run"
     cfg, summary = played(folder)

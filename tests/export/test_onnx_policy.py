@@ -71,7 +71,8 @@ def test_commands_equal_the_runner(name, exported):
     assert np.ptp(golden["command"], axis=0).min() > 0.1
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", zoo_names())
 def test_batch_of_64_equals_the_runner(name, exported):
     policy = OnnxPolicy(exported(name), check_steps=0)
     golden = policy.golden()

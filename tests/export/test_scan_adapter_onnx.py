@@ -44,6 +44,7 @@ def scans(count: int) -> torch.Tensor:
     return ranges
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_motion", mostly([False, True], [True]))
 @pytest.mark.parametrize("name", mostly(SCANNERS, ["240 degrees, own parts"]))
 def test_graph_resamples_as_the_transform(name, has_motion, tmp_path):

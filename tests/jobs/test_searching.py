@@ -120,6 +120,7 @@ def test_missing_optuna_names_the_extra(tmp_path, monkeypatch):
         run(tmp_path)
 
 
+@pytest.mark.slow
 def test_command_trains_prunes_and_resumes(tmp_path, monkeypatch, capsys):
     from navrl.cli.search import main
 

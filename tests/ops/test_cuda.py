@@ -42,6 +42,7 @@ def simulate(folder):
     run("cuda_simulation.py", file, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_simulated_cuda_kernels_equal_the_cpu(simulated, name):
     results = simulated[1]["results"][name]

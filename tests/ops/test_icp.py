@@ -51,6 +51,7 @@ def test_recovers_the_motion_among_pedestrians(options, success, median_m, media
         assert result.converged.float().mean() > 0.97
 
 
+@pytest.mark.slow
 def test_robust_is_accurate_with_up_to_eight_pedestrians():
     """95 % within 10 cm and 2 deg, median 0.5 cm and 0.1 deg, over rooms with none to eight."""
     found = []

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from nightly import mostly
 
 from navrl import factory
 from navrl.config import compose, instantiate
@@ -92,7 +93,9 @@ def test_errors_of_zero_equal_those_of_no_errors():
     assert torch.equal(zero.add_noise(clean, SEED, STEP), Lidar().add_noise(clean, SEED, STEP))
 
 
-@pytest.mark.parametrize("name", ["dropout", "speckle", "noise_by_range", "posts", "varied"])
+@pytest.mark.parametrize(
+    "name", mostly(["dropout", "speckle", "noise_by_range", "posts", "varied"], ["varied"])
+)
 def test_simulators_report_the_same_errors(name):
     """The noise-free ranges differ by rounding; which beams have errors does not."""
     reported = []

@@ -216,6 +216,7 @@ def memory_mb():
         return int(file.read().split()[1]) * 4096 / 1e6
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_repeated_resets_do_not_leak_memory(place, monkeypatch):
     """PyBullet leaks with every body removed: 300 resets would take 70 MB without fresh starts."""

@@ -99,12 +99,14 @@ def test_correlated_noise_resumes_bit_for_bit(tmp_path):
     assert_same_run(resumed, whole)
 
 
+@pytest.mark.slow
 def test_training_ends_after_its_seconds(tmp_path):
     trainer = tiny_trainer(tmp_path, [*RUN, "schedule.total_seconds=1e-3"])
     trainer.run()
     assert trainer.progress.frames == 4 and trainer.progress.seconds >= 1e-3  # one step of 4 worlds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "moment", mostly(["evaluated", "before the save", "after the save"], ["before the save"])
 )
@@ -137,6 +139,7 @@ def test_signal_during_a_video_adds_no_row(tmp_path, whole):
     assert_same_run(resumed, whole)
 
 
+@pytest.mark.slow
 def test_last_frame_is_evaluated_once(tmp_path):
     due = ["schedule.evaluate_every_updates=5", "schedule.learning_starts=44"]  # at 80 and 120
     trainer, _ = rated(tmp_path, [0.5] * 3, due)
@@ -162,6 +165,7 @@ def rated(folder, rates, overrides=()):
     return trainer, saved
 
 
+@pytest.mark.slow
 def test_only_a_better_policy_is_saved(tmp_path):
     trainer, saved = rated(tmp_path, [0.25, 0.25, 0.5])
     trainer.run()
@@ -216,9 +220,10 @@ def test_missing_policy_is_saved_again(tmp_path):
     assert saved == [0.125, 0.25]
 
 
-@pytest.mark.parametrize(
-    ("number", "moment"), [(signal.SIGTERM, "step"), (signal.SIGINT, "evaluation")]
-)
+SIGNALS = [(signal.SIGTERM, "step"), (signal.SIGINT, "evaluation")]
+
+
+@pytest.mark.parametrize(("number", "moment"), mostly(SIGNALS, SIGNALS[:1]))
 def test_signal_saves_the_run_and_ends_it(tmp_path, whole, number, moment):
     trainer = tiny_trainer(tmp_path, [*RUN, "schedule.checkpoint_every_s=1000"])
     step, evaluate = trainer.collector.step, trainer.evaluate

@@ -333,6 +333,7 @@ def test_sources_and_formats_are_checked(tmp_path):
         pictures.curves([tmp_path], tmp_path / "x", [".bmp"])
 
 
+@pytest.mark.slow
 def test_each_picture_is_one_command(tmp_path, recording):
     recording.save(tmp_path / "episode.npz")
     names = sorted(path.stem for path in (CONF_DIR / "picture").glob("*.yaml"))
