@@ -289,6 +289,7 @@ def test_own_reactive_pedestrians(here, capsys):
     assert "pedestrians=Fleeing: must not be reactive" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_own_base(here):
     run = here / train("robot=omni")
     finished(run)

@@ -60,6 +60,7 @@ def raising(monkeypatch, tmp_path):
     return replace
 
 
+@pytest.mark.slow
 def test_evaluation_with_only_errors_fails(raising, capsys, tmp_path):
     raising(None)
     for _ in range(2):  # the same again after it has finished

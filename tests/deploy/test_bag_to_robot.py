@@ -86,6 +86,7 @@ def arrivals(simulated, mount):
     return outcomes
 
 
+@pytest.mark.slow
 def test_backward_lidar_from_the_bag_to_the_goal(simulated, bag, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert exit_status(f"navrl-doctor {bag} {WORDS} hydra.run.dir=a") == 3

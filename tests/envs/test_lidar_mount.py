@@ -78,7 +78,7 @@ def test_mount_rotated_by_whole_bins_keeps_observations(transforms, yaw):
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
-@pytest.mark.parametrize("mount", MOUNTS.values(), ids=MOUNTS)
+@pytest.mark.parametrize("mount", mostly(MOUNTS.values(), [list(MOUNTS.values())[-1]]), ids=MOUNTS)
 def test_points_lie_on_obstacle_surfaces(mount, simulator):
     env, cfg = make(mount, simulator=simulator)
     cfg.transforms.min_pool.bearing = "beam"
@@ -96,7 +96,7 @@ def test_points_lie_on_obstacle_surfaces(mount, simulator):
     exact.close()
 
 
-@pytest.mark.parametrize("mount", MOUNTS.values(), ids=MOUNTS)
+@pytest.mark.parametrize("mount", mostly(MOUNTS.values(), [list(MOUNTS.values())[-1]]), ids=MOUNTS)
 def test_both_simulators_give_the_same_points(mount):
     pytest.importorskip("pybullet")
     results = []

@@ -11,13 +11,10 @@ onnx_ir = pytest.importorskip("onnx_ir", reason="needs the extra onnx")
 onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 NAMES = ["source", "returns", "target"]
+pytestmark = pytest.mark.slow  # by day a whole policy is exported
 
 
-@pytest.fixture(
-    scope="module",
-    params=[PAPER, pytest.param(ROBUST, marks=pytest.mark.slow)],
-    ids=["paper", "robust"],
-)
+@pytest.fixture(scope="module", params=[PAPER, ROBUST], ids=["paper", "robust"])
 def converted(request):
     module = Aligned(request.param)
     inputs = scans(torch.Generator().manual_seed(0), num_points=180)

@@ -5,6 +5,7 @@ import importlib.util
 
 import numpy as np
 import pytest
+from nightly import mostly
 
 from navrl.config import CONF_DIR, compose
 from navrl.evaluation.recording import Recording
@@ -15,7 +16,7 @@ SHORT = ["suite=smoke", "suite.num_episodes=3", "num_worlds=2", "environment.tim
 SHORT += ["num_threads=1", "progress_bar=false", "transforms.icp_align.max_iterations=5"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", mostly(NAMES, ["dwa", "oracle", "pure_pursuit"]))
 def test_controller_plays_a_suite(name, tmp_path):
     if name == "orca" and importlib.util.find_spec("pyrvo") is None:
         pytest.skip("needs the extra orca")

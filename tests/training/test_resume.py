@@ -172,6 +172,7 @@ def test_only_a_better_policy_is_saved(tmp_path):
     assert saved == [0.25, 0.5]
 
 
+@pytest.mark.slow
 def test_policy_of_the_last_validation_is_kept(tmp_path):
     trainer, saved = rated(tmp_path, [0.25, 0.5, 0.375])
     trainer.run()

@@ -145,6 +145,7 @@ def text_of(browser, selector):
     return browser.evaluate(f"document.querySelector({selector!r}).textContent")
 
 
+@pytest.mark.slow
 def test_page_of_two_evaluations_describes_the_test(two):
     verdict = text_of(two, ".verdict")
     assert verdict.startswith("paper succeeds in 50.0 % [9.5, 90.5] of 2 episodes. On the same 2")
@@ -193,6 +194,7 @@ def click_on_heatmap(browser, across, down):
         browser.call("Input.dispatchMouseEvent", type=kind, button="left", clickCount=1, **at)
 
 
+@pytest.mark.slow
 def test_legend_names_drawn_objects_and_end_is_marked(two, lost):
     two.wait("document.getElementById('story').textContent.startsWith('A pedestrian moved')")
     legend = text_of(two, "#legend")
