@@ -1,6 +1,8 @@
 """Codes of obstacles and of the bodies of pedestrians, shared by kernels and simulators."""
 
 BODY_BOX, BODY_DISC, BODY_LEGS = range(3)
+BODY_HEIGHT_M = 1.8
+"""Height of a pedestrian, m; lower obstacles are in the way."""
 BODIES = ("box", "disc", "legs")
 """Names of the codes."""
 

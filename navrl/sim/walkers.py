@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from navrl.ops.bodies import BODY_BOX
+from navrl.ops.bodies import BODY_BOX, BODY_HEIGHT_M
 from navrl.sim.crowd import PedestrianModel
 from navrl.sim.draws import Uniform, draw
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from navrl.sim.state import SimState
     from navrl.worlds import ScenarioBatch
 
-BODY_HEIGHT_M = 1.8  # m; pedestrians avoid obstacles below
 _ARRIVED_M = 0.4  # m from a point of the route, from which a pedestrian walks to the next one
 _NUMBERS = {"forth": torch.bool, "walks": torch.bool, "toward": torch.int64, "last": torch.int64}
 _NUMBERS["num_walls"] = torch.int64

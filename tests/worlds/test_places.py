@@ -2,6 +2,7 @@
 
 import copy
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from navrl.worlds import (
     load_scene,
     load_tracks,
 )
+from navrl.worlds.places.floor import make_floor
 from navrl.worlds.places.tracks import window
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -195,6 +197,30 @@ def test_starts_and_goals_have_the_goal_clearance(tmp_path):
         scenario = places.sample("mine", 3, index)
         ends = np.stack([scenario.start[:2], scenario.goal])
         assert places.map_of(2).distance(ends).min() >= 0.5 - 1e-6
+
+
+def test_routes_of_walkers_keep_their_own_clearance(tmp_path):
+    """The robot fits through gaps and under tables where a pedestrian does not."""
+    gap = [[4.9, 0.1, 5.1, 2.75], [4.9, 3.25, 5.1, 5.9]]  # 0.5 m
+    table = {"c": "Table", "box": [2.5, 3.0, 0.6, 1.5, 0.3], "z": [0.72, 0.75]}
+    scene = {**HALL, "walls": HALL["walls"] + gap, "furniture": [table]}
+    write(tmp_path, "hall.json", {k: scene[k] for k in scene.keys() - {"free", "wall_segments"}})
+    grid = None
+    for clearance in (None, 0.34):
+        options = {"num_walkers": (2, 2), "distance": (1.0, 15.0), "walker_clearance": clearance}
+        places = PlaceDistribution(str(tmp_path), **options)
+        grid = (
+            grid
+            or make_floor(
+                places.places[0], height=1.8, clearance=0.3, comfort=0.6, cell_clearance=0.3
+            ).grid
+        )
+        people = [p for index in range(12) for p in places.sample("mine", 0, index).pedestrians]
+        routes = [np.linspace(a, b, 50) for p in people for a, b in pairwise(p.route)]
+        least = grid.distance(np.concatenate(routes)).min()
+        assert least < 0.05 if clearance is None else least > 0.34 - 0.04, least  # cells of 5 cm
+    with pytest.raises(ValueError, match=r"walker_clearance=0\.0: must be"):
+        PlaceDistribution(str(tmp_path), walker_clearance=0.0)
 
 
 def test_goal_clearance_beyond_the_map_is_rejected(tmp_path):

@@ -6,15 +6,16 @@ import itertools
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
-from typing import Generic, NamedTuple, TypeVar
+from contextlib import suppress
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from navrl.checks import check_positive
-from navrl.ops.bodies import BODIES
-from navrl.worlds.clearance_map import ClearanceMap
+from navrl.ops.bodies import BODIES, BODY_HEIGHT_M
 from navrl.worlds.pedestrian import Pedestrian
 from navrl.worlds.pedestrians import simplify
+from navrl.worlds.places.floor import Floor, make_floor
 from navrl.worlds.places.place import Place
 from navrl.worlds.places.tracks import window
 from navrl.worlds.planner import NoPathError
@@ -51,6 +52,9 @@ class PlaceEpisodes(ABC, Generic[Key]):
         body: Body of both, see :class:`navrl.worlds.Pedestrian`; of several, each pedestrian has
             one at random.
         duration_s: Duration of the part of a recording that an episode uses, s.
+        walker_clearance: Minimum distance to all obstacles below 1.8 m of the routes of those that
+            walk, m, so that they fit everywhere; ``None`` for the robot's map, on which routes lead
+            under tables and through gaps where reactive pedestrians get stuck.
 
     Raises:
         ValueError: If a value is out of range.
@@ -70,10 +74,13 @@ class PlaceEpisodes(ABC, Generic[Key]):
         speed: Sequence[float] = (0.5, 1.0),
         body: str | Sequence[str] = "legs",
         duration_s: float = 60.0,
+        walker_clearance: float | None = None,
     ) -> None:
         """Check the values."""
         check_positive(robot_radius=robot_radius, robot_height=robot_height, margin=margin)
         check_positive(goal_clearance=goal_clearance, duration_s=duration_s)
+        if walker_clearance is not None:
+            check_positive(walker_clearance=walker_clearance)
         pairs = {"distance": distance, "speed": speed}
         counts = {"num_walkers": num_walkers, "num_standing": num_standing}
         for name, bounds in {**pairs, **counts}.items():
@@ -93,8 +100,8 @@ class PlaceEpisodes(ABC, Generic[Key]):
         self.num_standing = (int(num_standing[0]), int(num_standing[1]))
         self.robot_height, self.goal_clearance = robot_height, goal_clearance
         self.clearance, self.comfort = robot_radius + margin, comfort
-        self.duration_s = duration_s
-        self._floors: dict[Key, Floor] = {}  # of the last places
+        self.duration_s, self.walker_clearance = duration_s, walker_clearance
+        self._floors: dict[Key, tuple[Floor, Floor]] = {}  # of robot and walkers, the last places
 
     def __getstate__(self) -> dict:
         """Return the state without maps, for worker processes."""
@@ -110,23 +117,31 @@ class PlaceEpisodes(ABC, Generic[Key]):
 
     def floor(self, key: Key) -> Floor:
         """Return a place with its map and free cells; the last few are retained."""
+        return self._both_floors(key)[0]
+
+    def _both_floors(self, key: Key) -> tuple[Floor, Floor]:
+        """Return the floor of the robot and that of the pedestrians that walk."""
         if key not in self._floors:
             if len(self._floors) >= _MAX_FLOORS:
                 self._floors.pop(next(iter(self._floors)))
             place = self.make_place(key)
-            grid = self._make_map(place)
-            cells = _free_cells(place, grid, self.goal_clearance)
-            self._floors[key] = Floor(place, grid, cells)
+            robots = walkers = make_floor(
+                place,
+                height=self.robot_height,
+                clearance=self.clearance,
+                comfort=self.comfort,
+                cell_clearance=self.goal_clearance,
+            )
+            if self.walker_clearance is not None and self.num_walkers[1]:
+                walkers = make_floor(
+                    place,
+                    height=BODY_HEIGHT_M,
+                    clearance=self.walker_clearance,
+                    comfort=max(self.comfort, self.walker_clearance),
+                    cell_clearance=self.walker_clearance,
+                )
+            self._floors[key] = robots, walkers
         return self._floors[key]
-
-    def _make_map(self, place: Place) -> ClearanceMap:
-        bottom, top = place.heights.T
-        touched = (bottom < self.robot_height) & (top > 0.0)
-        count = len(place.boxes)
-        boxes, discs = place.boxes[touched[:count]], place.discs[touched[count:]]
-        boxes = np.concatenate([boxes, place.limits])
-        is_tight = len(place.limits) > 0
-        return ClearanceMap(boxes, discs, self.clearance, self.comfort, is_tight=is_tight)
 
     def sample(self, suite: str, seed: int, index: int) -> Scenario:
         """Return episode ``index``; the same arguments always give the same one.
@@ -136,14 +151,14 @@ class PlaceEpisodes(ABC, Generic[Key]):
         """
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
-        floor = self.floor(self.key_of(suite, seed, index))
+        floor, of_walkers = self._both_floors(self.key_of(suite, seed, index))
         place = floor.place
         reason = None
         for _ in range(_TRIES):
             try:
                 people = self._recorded(generator, place)
                 start, path = self._route(generator, floor)
-                people += self._walkers(generator, floor, path)
+                people += self._walkers(generator, of_walkers, path)
                 people += self._standing(generator, floor, path[-1])
                 _check_start(start, people)
             except NoPathError as error:
@@ -206,19 +221,31 @@ class PlaceEpisodes(ABC, Generic[Key]):
         count = int(generator.integers(self.num_walkers[0], self.num_walkers[1] + 1))
         people = []
         for _ in range(count):
-            a, b = (self._point(generator, floor) for _ in range(2))
-            points = [a, b]
-            if self.meeting and generator.random() < self.meeting:
-                points.insert(1, path[generator.integers(len(path))])
-            parts = [floor.grid.path(p, q) for p, q in itertools.pairwise(points)]
-            route = simplify(np.concatenate(parts), tolerance=0.05)
+            route = self._walk(generator, floor, path)
             length = np.linalg.norm(np.diff(route, axis=0), axis=1).sum()
-            if length < _MIN_ROUTE_M:
-                raise NoPathError(f"a pedestrian's route is shorter than {_MIN_ROUTE_M} m")
             offset = generator.uniform(0.0, 2.0 * length)
             speed = generator.uniform(self.speed[0], self.speed[1])
             people.append(self._person(generator, route, float(speed), float(offset)))
         return tuple(people)
+
+    def _walk(self, generator: np.random.Generator, floor: Floor, path: np.ndarray) -> np.ndarray:
+        """Return a route ``[R, 2]`` m; on a map of its own, the first of many draws that exists."""
+        for _ in range(0 if self.walker_clearance is None else _TRIES):
+            with suppress(NoPathError):
+                return self._drawn_walk(generator, floor, path)
+        return self._drawn_walk(generator, floor, path)
+
+    def _drawn_walk(
+        self, generator: np.random.Generator, floor: Floor, path: np.ndarray
+    ) -> np.ndarray:
+        points = [self._point(generator, floor) for _ in range(2)]
+        if self.meeting and generator.random() < self.meeting:
+            points.insert(1, path[generator.integers(len(path))])
+        parts = [floor.grid.path(p, q) for p, q in itertools.pairwise(points)]
+        route = simplify(np.concatenate(parts), tolerance=0.05)
+        if np.linalg.norm(np.diff(route, axis=0), axis=1).sum() < _MIN_ROUTE_M:
+            raise NoPathError(f"a pedestrian's route is shorter than {_MIN_ROUTE_M} m")
+        return route
 
     def _standing(
         self, generator: np.random.Generator, floor: Floor, goal: np.ndarray
@@ -245,34 +272,6 @@ class PlaceEpisodes(ABC, Generic[Key]):
             body = self.bodies[generator.integers(len(self.bodies))]
         half_size = (_BODY_RADIUS_M, _BODY_RADIUS_M)
         return Pedestrian(route, speed, offset, half_size, None, body)
-
-
-class Floor(NamedTuple):
-    """Place with its map and free cells.
-
-    Args:
-        place: The place.
-        grid: Map for paths.
-        cells: ``[C, 2]`` m, centers of the cells with ``goal_clearance``.
-    """
-
-    place: Place
-    grid: ClearanceMap
-    cells: np.ndarray
-
-
-def _free_cells(place: Place, grid: ClearanceMap, clearance: float) -> np.ndarray:
-    """Return the centers ``[C, 2]`` m of free cells inside the place."""
-    mask = grid.clearance >= clearance
-    if place.free is None:  # the largest region; the open space around walls counts as outside
-        outside = grid.regions[0, 0]
-        sizes = np.bincount(grid.regions[mask & (grid.regions != outside)], minlength=2)
-        sizes[0] = 0
-        is_closed = bool(sizes.max() > 0)
-        mask &= grid.regions == (int(sizes.argmax()) if is_closed else outside)
-        return grid.centers(mask)
-    cells = grid.centers(mask)
-    return cells[place.free.contains(cells)]
 
 
 def _check_start(start: np.ndarray, people: tuple[Pedestrian, ...]) -> None:
