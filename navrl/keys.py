@@ -55,6 +55,10 @@ PATH_PROGRESS = "path_progress"  # [*B, 1] m, arc length of the robot's projecti
 TRAIL = "trail"  # [*B, M, 2] m from the path's first point, world axes, since it was in sight
 TRAIL_STATE = "trail_state"  # [*B, 2] points of the trail, and time the path was out of sight s
 STALL = "stall"  # [*B, 2] largest progress m, and time since it was reached s
+# What Recovery reads behind a Retreat in place of waypoints and stall, and state of the retreat.
+RECOVERY_WAYPOINTS = "recovery_waypoints"  # [*B, N_f, 2] m, robot frame
+RECOVERY_STALL = "recovery_stall"  # [*B, 2] largest progress m, and time since then s, or 0
+RETREAT = "retreat"  # [*B, 3] target m from the path's first point, world axes; 1 if it retreats
 
 # --- inputs of the networks (scaled to about [-1, 1]) --------------------------------------------
 SPATIAL_INPUT = "spatial"  # [*B, N, 2]

@@ -18,6 +18,7 @@ from navrl.transforms.observation_map import ObservationMap, flag_spec, real_spe
 from navrl.transforms.pipeline import compose
 from navrl.transforms.range_history import RangeHistory
 from navrl.transforms.recovery import Recovery
+from navrl.transforms.retreat import Retreat
 from navrl.transforms.returning_waypoints import ReturningWaypoints
 from navrl.transforms.scan_adapter import ScanAdapter
 from navrl.transforms.scan_history import ScanHistory
@@ -41,6 +42,7 @@ __all__ = [
     "ObservationMap",
     "RangeHistory",
     "Recovery",
+    "Retreat",
     "ReturningWaypoints",
     "ScanAdapter",
     "ScanHistory",

@@ -9,6 +9,7 @@ from navrl.transforms.command_rate_limit import CommandRateLimit
 from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.motion_compensation import MotionCompensation
 from navrl.transforms.motion_prediction import MotionPrediction
+from navrl.transforms.recovery import Recovery
 
 BEFORE_ALL = ("scan_adapter",)
 """Names of steps that come first, wherever they are added: the others read their scans."""
@@ -25,11 +26,11 @@ def compose(**steps: Transform | None) -> Compose:
     ``motion_compensation`` can be extended with it, although its configuration ends with others.
 
     A chain maps actions in reverse: its first step is the last to change a command. So a chain with
-    an :class:`ActionShield` or a :class:`CommandRateLimit` is reordered: observation transforms,
-    limits of the rate, shields, then the transforms that change the action (those with
-    ``in_keys_inv``), each group in the given order. The shield reads what every observation
-    transform writes, and checks what every action transform returns, also those that a user
-    appends; the limit does not change how the base drives.
+    an :class:`ActionShield`, a :class:`CommandRateLimit` or a :class:`Recovery` is reordered:
+    observation transforms, limits of the rate, shields, then the transforms that change the action
+    (those with ``in_keys_inv``), each group in the given order. The shield reads what every
+    observation transform writes, and checks what every action transform returns, also those that a
+    user appends; the limit does not change how the base drives.
 
     Args:
         **steps: Transforms by name; None omits a step.
@@ -51,7 +52,7 @@ def compose(**steps: Transform | None) -> Compose:
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
     _check_alignment(steps)
     given = [step for name in _ordered(list(steps)) if (step := steps[name]) is not None]
-    return Compose(sorted(given, key=_rank) if any(map(_is_last, given)) else given)
+    return Compose(sorted(given, key=_rank) if any(map(_needs_order, given)) else given)
 
 
 def _check_alignment(steps: dict[str, Transform | None]) -> None:
@@ -91,8 +92,8 @@ def _ordered(names: list[str]) -> list[str]:
     return [*others[:after], *moved, *others[after:]]
 
 
-def _is_last(step: Transform) -> bool:
-    return isinstance(step, (ActionShield, CommandRateLimit))
+def _needs_order(step: Transform) -> bool:
+    return isinstance(step, (ActionShield, CommandRateLimit, Recovery))
 
 
 def _rank(step: Transform) -> int:

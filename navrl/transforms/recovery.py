@@ -45,6 +45,8 @@ class Recovery(ActionMap):
         min_descriptor_speed: Slower descriptors are treated as stationary, m/s.
         max_descriptor_speed: Faster descriptors are treated as mismatches, m/s.
         group_radius: Radius around a moving centroid within which points move with it, m.
+        turn_weight: Penalty of the turn rate in the score of the window, m s/rad; among equal
+            commands a small one selects the calmest, so that a robot that waits does not spin.
         scan_keys: Points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]`` bool, descriptors
             ``[*B, G, 4]`` m, validity of their halves ``[*B, G, 2]`` bool, waypoints
             ``[*B, F, 2]`` m in the robot frame, and the stall ``[*B, 2]``.
@@ -86,6 +88,7 @@ class Recovery(ActionMap):
         min_descriptor_speed: float = 0.3,
         max_descriptor_speed: float = 1.5,
         group_radius: float = 0.3,
+        turn_weight: float = 0.0,
         scan_keys: Keys = (
             *(keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
             *(keys.WAYPOINTS, keys.STALL),
@@ -107,6 +110,9 @@ class Recovery(ActionMap):
         self.radius, self.margin, self.facing = radius, margin, facing
         self.time_step, self.patience, self.horizon_steps = time_step, patience, horizon_steps
         self.max_turn_rate, self.group_radius = max_turn_rate, group_radius
+        if not 0.0 <= turn_weight < math.inf:
+            raise ValueError(f"turn_weight={turn_weight}: must be >= 0 and finite")
+        self.turn_weight = turn_weight
         self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
         self.register_buffer("_grid", grid, persistent=False)
@@ -161,4 +167,5 @@ class Recovery(ActionMap):
             horizon_steps=self.horizon_steps,
             margin=self.margin,
         )
+        score = score - self.turn_weight * self._grid[:, 1].abs()
         return self._grid[score.argmax(-1)]
