@@ -58,7 +58,7 @@ STALL = "stall"  # [*B, 2] largest progress m, and time since it was reached s
 # What Recovery reads behind a Retreat in place of waypoints and stall, and state of the retreat.
 RECOVERY_WAYPOINTS = "recovery_waypoints"  # [*B, N_f, 2] m, robot frame
 RECOVERY_STALL = "recovery_stall"  # [*B, 2] largest progress m, and time since then s, or 0
-RETREAT = "retreat"  # [*B, 3] target m from the path's first point, world axes; 1 if it retreats
+RETREAT = "retreat"  # [*B, 3] target m, robot frame; 1 in a retreat, 2 between retreats
 
 # --- inputs of the networks (scaled to about [-1, 1]) --------------------------------------------
 SPATIAL_INPUT = "spatial"  # [*B, N, 2]

@@ -25,12 +25,12 @@ from navrl.deploy.safety import (
     path_state,
     safe_command,
 )
-from navrl.deploy.sensor_env import SensorEnv, checked_rows, read_keys, waypoint_steps
+from navrl.deploy.sensor_env import SensorEnv, checked_rows, read_keys, steps_of
 from navrl.policies import load_bundle
 from navrl.policies.classical.commands import normalized_action
 from navrl.policies.names import bundle_folder
 from navrl.sim import Delays, Lidar, RobotModel
-from navrl.transforms import Base
+from navrl.transforms import Base, StallTimer, Waypoints
 from navrl.transforms.min_pool import check_lidar
 from navrl.worlds.scenario import MAX_PATH_POINTS
 
@@ -103,7 +103,8 @@ class PolicyRunner:
         self._stop = normalized_action(robot, torch.zeros(1, robot.command_size))
         self._scan_check = ScanCheck(lidar, robot, self.limits)
         self._past: TensorDictBase | None = None
-        self._waypoint_steps = waypoint_steps(transforms)
+        self._waypoint_steps = steps_of(transforms, Waypoints)
+        self._stall_timers = steps_of(transforms, StallTimer)
         self._progress: float | None = None  # m, at which the next observation starts
         self._has_new_path = False
         self.time_step_s = float(time_step_s)
@@ -250,7 +251,7 @@ class PolicyRunner:
                 return past
         if start is not None:
             past = past.copy()
-            for step in self._waypoint_steps:
+            for step in (*self._stall_timers, *self._waypoint_steps):
                 step.restart(past, torch.tensor([[start]]))
         now = self.transform._step(past, sensed)
         return now.update(self._act.passed_on(past))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 import torch
@@ -16,8 +16,10 @@ from torchrl.envs import Compose, EnvBase, Transform
 from navrl import keys
 from navrl.checks import checked_numbers
 from navrl.sim import Lidar, RobotModel
-from navrl.transforms import Base, Waypoints
+from navrl.transforms import Base
 from navrl.worlds.scenario import MAX_PATH_POINTS
+
+Step = TypeVar("Step", bound=Transform)
 
 
 def read_keys(transforms: Transform) -> set[str]:
@@ -31,12 +33,12 @@ def read_keys(transforms: Transform) -> set[str]:
     }
 
 
-def waypoint_steps(transforms: Transform) -> list[Waypoints]:
-    """Return the steps of a pipeline that pass the progress along the path from step to step."""
-    if isinstance(transforms, Waypoints):
+def steps_of(transforms: Transform, kind: type[Step]) -> list[Step]:
+    """Return the steps of a pipeline that are of a class."""
+    if isinstance(transforms, kind):
         return [transforms]
     steps = transforms if isinstance(transforms, Compose) else []
-    return [found for step in steps for found in waypoint_steps(step)]
+    return [found for step in steps for found in steps_of(step, kind)]
 
 
 def checked_rows(

@@ -71,8 +71,7 @@ class Retreat(Transform):
             ``[*B, 1]`` m.
         out_keys: For the recovery the waypoints ``[*B, F, 2]`` m, and the stall ``[*B, 2]``, whose
             time is zero between retreats, where the policy drives. For the next step ``[*B, 3]``:
-            target (x, y) m from the path's first point in world axes, and 1 in a retreat, 2
-            between retreats, else 0.
+            target (x, y) m in the robot frame, and 1 in a retreat, 2 between retreats, else 0.
 
     Raises:
         ValueError: If an argument is out of range, a number of keys is wrong, or later if the
@@ -138,32 +137,36 @@ class Retreat(Transform):
         self.num_bearings, self.num_distances = num_bearings, num_distances
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return self._advance(next_tensordict, read(self, tensordict, self.out_keys[2]))
+        state, last = (read(self, tensordict, key) for key in (self.out_keys[2], self.in_keys[4]))
+        return self._advance(next_tensordict, state, last)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Start without a retreat, as after a reset."""
         waypoints = read(self, next_tensordict, self.in_keys[0])
-        return self._advance(next_tensordict, waypoints.new_zeros(*waypoints.shape[:-2], 3))
+        pose = read(self, next_tensordict, self.in_keys[4])
+        return self._advance(next_tensordict, waypoints.new_zeros(*waypoints.shape[:-2], 3), pose)
 
-    def _advance(self, tensordict: TensorDictBase, state: Tensor) -> TensorDictBase:
-        """Write the outputs of a step, given the state before it."""
+    def _advance(self, tensordict: TensorDictBase, state: Tensor, last: Tensor) -> TensorDictBase:
+        """Write the outputs of a step, given the state and the pose before it."""
         waypoints, stall, points, returns = (
             read(self, tensordict, key) for key in self.in_keys[:4]
         )
         returns = finite_returns(points, returns)
         points = torch.where(returns.unsqueeze(-1), points.float(), FAR)
-        frame, origin, window = self._frames(tensordict)
+        pose, path = (read(self, tensordict, key) for key in self.in_keys[4:6])
+        pose, last, path = world_values(pose, last, path)
+        window = self._path_nearby(tensordict, pose, path)
         before = state[..., 2]
         phase = self._phase(stall[..., 1], before, self._is_blocked(points, window))
         retreats = phase == _RETREATS
-        target = se2.transform_points(frame, origin + state[..., None, :2]).squeeze(-2).float()
+        moved = se2.relative(pose, last).float()
+        target = se2.transform_points(moved, state[..., None, :2]).squeeze(-2)
         reached = (before == _RETREATS) & (torch.linalg.vector_norm(target, dim=-1) < self.reach)
         is_aside = _gap(target.unsqueeze(-2), window).squeeze(-1) >= self.aside - self.reach
         chooses = retreats & ((before != _RETREATS) | (reached & ~is_aside))
         target = self._chosen(chooses, target, points, returns, window, waypoints)
         way = self._way(target, reached & is_aside, waypoints)
-        kept = se2.transform_points(se2.inverse(frame), target.unsqueeze(-2).to(frame)) - origin
-        kept = torch.where(retreats.unsqueeze(-1), kept.squeeze(-2).float(), 0.0)
+        kept = torch.where(retreats.unsqueeze(-1), target, 0.0)
         waits = (phase == _WAITS).unsqueeze(-1)
         values = (
             torch.where(retreats[..., None, None], way, waypoints),
@@ -174,14 +177,12 @@ class Retreat(Transform):
             tensordict.set(key, value)
         return tensordict
 
-    def _frames(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the world in the robot frame, the path's first point, and the path nearby."""
-        pose, path = world_values(*(read(self, tensordict, key) for key in self.in_keys[4:6]))
+    def _path_nearby(self, tensordict: TensorDictBase, pose: Tensor, path: Tensor) -> Tensor:
+        """Return points of the path to both sides of the progress, ``[*B, W, 2]`` m."""
         progress = read(self, tensordict, self.in_keys[6])
-        frame = se2.inverse(pose)
         offset = torch.arange(-self._first, self._first + 1, device=progress.device) * _STEP_M
-        window = se2.transform_points(frame, point_at(path, progress + offset))
-        return frame, path[..., :1, :], window.float()
+        points = point_at(path, progress + offset)
+        return se2.transform_points(se2.inverse(pose), points).float()
 
     def _is_blocked(self, points: Tensor, window: Tensor) -> Tensor:
         """Return whether a robot on the path would touch a point, ``[*B]`` bool."""
@@ -259,9 +260,11 @@ class Retreat(Transform):
         return observation_spec
 
     def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
-        """Add the state of the retreat to the state spec, because a step reads it."""
+        """Add the state of the retreat and the pose to the state spec: a step reads them."""
         input_spec = cloned(input_spec)
         input_spec["full_state_spec"][self.out_keys[2]] = self._specs(observed_specs(self))[2]
+        pose = self.in_keys[4]
+        input_spec["full_state_spec"][pose] = read_spec(self, observed_specs(self), pose).clone()
         return input_spec
 
     def _specs(self, specs: Composite) -> list[TensorSpec]:

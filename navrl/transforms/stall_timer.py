@@ -77,6 +77,17 @@ class StallTimer(Transform):
         self.time_step, self.patience = time_step, patience
         self.min_progress, self.free_progress = min_progress, free_progress
 
+    def restart(self, tensordict: TensorDictBase, progress: Tensor) -> None:
+        """Move the largest progress to another path: what is still missing remains.
+
+        Args:
+            tensordict: ``[*B]``, root of the next step, with the progress on the path before.
+            progress: ``[*B, 1]`` m, arc length on the new path at which the search starts.
+        """
+        best, since = read(self, tensordict, self.out_keys[0]).split(1, dim=-1)
+        shift = progress - read(self, tensordict, self.in_keys[0])
+        tensordict.set(self.out_keys[0], torch.cat([best + shift, since], dim=-1))
+
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         best, since = read(self, tensordict, self.out_keys[0]).unbind(-1)
         progress = read(self, next_tensordict, self.in_keys[0]).squeeze(-1)

@@ -17,7 +17,7 @@ from navrl.factory.training import deployed
 from navrl.policies import ZOO, load_bundle
 from navrl.policies.classical import DynamicWindow
 from navrl.sim import BatchedSimulator, DifferentialDrive, Lidar
-from navrl.transforms import MinPool, ReturningWaypoints
+from navrl.transforms import MinPool, ReturningWaypoints, StallTimer, Waypoints
 from navrl.transforms import compose as compose_steps
 
 EXPERIMENTS = ["paper", "no_tagd", "subgoal", "liang", "liang_original", "navrl-best"]
@@ -220,6 +220,25 @@ def test_runner_stores_no_view_of_the_callers_arrays():
         array[:] = 0.0  # as a driver reuses its buffers
     command = runner.act(clear(), (0, 0, 0), AHEAD)
     np.testing.assert_allclose(command, [0.75, 0.25 * np.pi], rtol=1e-6)
+
+
+def test_path_that_is_planned_again_every_second_is_no_stall():
+    """Navigation stacks send a path from the robot's place on, again and again."""
+    bundle = load_bundle(ZOO / "paper")
+    parts = (bundle.build(part) for part in ("lidar", "robot"))
+    steps = compose_steps(waypoints=Waypoints(), stall=StallTimer())
+    drive = TensorDictModule(lambda pose: torch.zeros(1, 2), ["pose"], ["action"])
+    runner, stalled = PolicyRunner(steps, drive, *parts), []
+    for step in range(40):  # 8 s: 4 s at 0.5 m/s, then standing
+        x = 0.1 * min(step, 20)
+        if step % 5 == 4:
+            runner.new_path()
+            begin = x
+        path = [(begin if step > 3 else 0.0, 0.0), (6.0, 0.0)]
+        runner.act(clear(), (x, 0.0, 0.0), path)
+        stalled.append(float(runner.observation[keys.STALL][0, 1]))
+    assert max(stalled[:21]) < 0.3
+    assert stalled[-1] == pytest.approx(3.8)  # s, over three new paths
 
 
 def test_new_path_clears_the_trail_of_returning_waypoints():

@@ -26,7 +26,7 @@ BESIDE = [(x / 10, side) for x in range(-30, 31) for side in (-0.3, 0.3)]  # m, 
 
 class TestRetreat(TransformContract):
     is_memoryless = False
-    state_keys = (keys.RETREAT,)
+    state_keys = (keys.RETREAT, keys.POSE)
 
     def make(self, **kwargs):  # a robot so large that the walls of the room block its path
         return Retreat(radius=1.72, patience=0.4, duration=0.6, pause=0.4, **kwargs)
@@ -206,9 +206,10 @@ def test_rows_are_independent():
     before = torch.zeros(4, 3)
     before[2] = torch.tensor([2.5, 0.9, 1.0])
     together = torch.cat([row.clone() for row in rows]).reshape(2, 2)
-    Retreat()._step(TensorDict({keys.RETREAT: before.reshape(2, 2, 3)}, [2, 2]), together)
+    root = TensorDict({keys.RETREAT: before, keys.POSE: torch.zeros(4, 3)}, [4])
+    Retreat()._step(root.reshape(2, 2), together)
     for index, row in enumerate(rows):
-        Retreat()._step(TensorDict({keys.RETREAT: before[index : index + 1]}, [1]), row)
+        Retreat()._step(root[index : index + 1], row)
         for key in Retreat().out_keys:
             torch.testing.assert_close(together.reshape(4)[key][index], row[key][0])
 
