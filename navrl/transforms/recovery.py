@@ -88,7 +88,7 @@ class Recovery(ActionMap):
         min_descriptor_speed: float = 0.3,
         max_descriptor_speed: float = 1.5,
         group_radius: float = 0.3,
-        turn_weight: float = 0.0,
+        turn_weight: float = 0.01,
         scan_keys: Keys = (
             *(keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID),
             *(keys.WAYPOINTS, keys.STALL),
