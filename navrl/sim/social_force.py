@@ -26,7 +26,8 @@ class SocialForcePedestrians(RouteWalkers):
 
     The acceleration of a pedestrian is ``(preferred - velocity) / relaxation_s`` plus, from each
     other pedestrian and the nearest obstacle, ``strength * exp(-gap / reach)`` along the line
-    between them. It is less for what is behind the pedestrian.
+    between them; from the robot also the swing of the feet of those with legs. It is less for what
+    is behind the pedestrian.
 
     Args:
         sees_robot: Whether pedestrians are pushed away by the robot.
@@ -88,7 +89,7 @@ class SocialForcePedestrians(RouteWalkers):
         walls = _Walls.of(rows)
         for _ in range(steps):
             force = (preferred - velocity) / self.relaxation_s
-            force = force + self._from_others(at, velocity, robot, rows["radius"])
+            force = force + self._from_others(at, velocity, robot, rows)
             force = force + self._push(at, velocity, walls.nearest(at), rows["radius"])
             velocity = velocity + step_s * force
             speed = _length(velocity).clamp_min(1e-9)
@@ -96,9 +97,12 @@ class SocialForcePedestrians(RouteWalkers):
             at = at + step_s * velocity
         return (at - start) / duration_s
 
-    def _from_others(self, at: Tensor, velocity: Tensor, robot: Tensor, radius: Tensor) -> Tensor:
+    def _from_others(
+        self, at: Tensor, velocity: Tensor, robot: Tensor, rows: dict[str, Tensor]
+    ) -> Tensor:
         """Return the accelerations by the robot and other pedestrians, [N, K, 2] m/s^2."""
-        force = self._push(at, velocity, robot, radius + self.robot_radius)
+        radius = rows["radius"]
+        force = self._push(at, velocity, robot, radius + rows["feet"] + self.robot_radius)
         for other in range(at.shape[1]):  # in order: a sum's rounding depends on the batch
             gap = radius + radius[:, other : other + 1]
             push = self._push(at, velocity, at[:, other : other + 1], gap)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from navrl.ops.bodies import BODY_BOX, BODY_HEIGHT_M
+from navrl.ops.bodies import BODY_BOX, BODY_HEIGHT_M, BODY_LEGS
+from navrl.ops.gait import MAX_STRIDE, step_length
 from navrl.sim.crowd import PedestrianModel
 from navrl.sim.draws import Uniform, draw
 
@@ -30,6 +31,7 @@ _SHAPES = {  # without the first axis, the worlds
     "walks": (0,),
     "speed": (0,),
     "radius": (0,),
+    "feet": (0,),
     "velocity": (0, 2),
 }
 
@@ -92,6 +94,7 @@ class RouteWalkers(PedestrianModel):
             "walks": walks,
             "speed": scenarios.ped_speed,
             "radius": torch.where(is_round, half[..., 0], half.norm(dim=-1)),
+            "feet": _feet(scenarios),
             "velocity": torch.zeros_like(half),
         }
         for name, value in values.items():
@@ -177,3 +180,10 @@ class RouteWalkers(PedestrianModel):
         if missing:
             raise ValueError(f"state: lacks {missing} of the pedestrians")
         self.rows = {name: state[name].cpu().clone() for name in self.rows}
+
+
+def _feet(scenarios: ScenarioBatch) -> Tensor:
+    """Return how far the feet of pedestrians with legs swing beyond their bodies, [N, K] m."""
+    stride = MAX_STRIDE * step_length(scenarios.ped_speed) + scenarios.ped_leg_radius
+    beyond = (stride - scenarios.ped_half[..., 0]).clamp_min(0.0)
+    return torch.where(scenarios.ped_body == BODY_LEGS, beyond, 0.0)

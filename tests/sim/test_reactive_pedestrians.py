@@ -1,6 +1,7 @@
 """Reactive pedestrians avoid the robot if they see it, walls and each other."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -50,6 +51,17 @@ def test_pedestrian_walks_around_a_robot_that_it_sees(kind):
     assert states[-1].contact.tolist() == [Contact.NONE]
     assert clearance(states) > 0.178 + 0.15
     assert states[-1].pedestrians[0, 0, 0] < -1.0  # it has passed
+
+
+CROSSING, OVERTAKING = ((1.5, -2.5), (1.5, 2.5)), ((-2.0, 0.1), (5.0, 0.1))
+
+
+@pytest.mark.parametrize("route", [CROSSING, OVERTAKING], ids=["crossing", "overtaking"])
+def test_feet_do_not_hit_a_robot_that_drives(kind, route):
+    for speed, offset in itertools.product((0.5, 0.8, 1.0), (0.0, 0.2, 0.4)):  # m/s, m of the gait
+        person = dataclasses.replace(walker(*route, speed=speed, offset=offset), body="legs")
+        _, states = play(kind, scene(pedestrians=[person]), 25, command=(0.5, 0.0))
+        assert states[-1].contact.tolist() == [Contact.NONE]
 
 
 def test_pedestrian_does_not_react_to_an_unseen_robot(kind):
