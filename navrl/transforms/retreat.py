@@ -113,6 +113,7 @@ class Retreat(Transform):
         ),
         out_keys: Keys = (keys.RECOVERY_WAYPOINTS, keys.RECOVERY_STALL, keys.RETREAT),
     ) -> None:
+        """Check the values."""
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
         if len(self.in_keys) != 7 or len(self.out_keys) != 3:
             raise ValueError(

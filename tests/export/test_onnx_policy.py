@@ -160,6 +160,7 @@ def test_wrong_argument_is_named(change, message, paper):
         paper.act(**arguments(paper, 0) | change)
 
 
+@pytest.mark.slow
 def test_missing_velocity_is_named(exported):
     policy = OnnxPolicy(exported("navrl-best-predictive"), check_steps=0)
     given = arguments(policy, 0)
