@@ -57,8 +57,10 @@ TRAIL_STATE = "trail_state"  # [*B, 2] points of the trail, and time the path wa
 STALL = "stall"  # [*B, 2] largest progress m, and time since it was reached s
 # What Recovery reads behind a Retreat in place of waypoints and stall, and state of the retreat.
 RECOVERY_WAYPOINTS = "recovery_waypoints"  # [*B, N_f, 2] m, robot frame
-RECOVERY_STALL = "recovery_stall"  # [*B, 2] largest progress m, and time since then s, or 0
-RETREAT = "retreat"  # [*B, 3] target m, robot frame; 1 in a retreat, 2 between retreats
+RECOVERY_STALL = "recovery_stall"  # [*B, 2] as stall; 0 while the policy drives
+RETREAT = (
+    "retreat"  # [*B, 3] target m, robot frame; 1 in a retreat, 2 while the policy drives, or 0
+)
 
 # --- inputs of the networks (scaled to about [-1, 1]) --------------------------------------------
 SPATIAL_INPUT = "spatial"  # [*B, N, 2]

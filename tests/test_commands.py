@@ -1,4 +1,4 @@
-"""Every command that README and docs print does what it says, on fewer and shorter episodes."""
+"""Commands that README and docs print run, on fewer and shorter episodes, or are composed."""
 
 import hashlib
 import itertools
@@ -53,12 +53,11 @@ STANDS_FOR = {
     "navrl-suites check table1": "navrl-suites check validation",
     "navrl-suites freeze": "navrl-suites freeze validation",
 }
-# Policies of sweeps in the default run; tests/cli/test_evaluation_sweep.py expands the words.
+# Policies of sweeps that are not played whole; tests/cli/test_evaluation_sweep.py has the words.
 FEWER = {
     "policy=all simulator=bullet": "policy=paper,dwa simulator=bullet",
     "policy=all": "policy=stand_still,dwa",
     "policy=zoo,dwa": "policy=paper,dwa",
-    "policy=navrl-best,paper": "policy=stand_still",
 }
 # Several machines, a scheduler or a service that a test has not: what they choose is composed.
 ELSEWHERE = ("address=auto", "submitit", "slurm", "launcher=ray_cluster", "collector=ray")
@@ -110,7 +109,7 @@ OWN_TESTS = {
     "own_policy.md",
     "places.md",
 }  # tests of these names
-# These run every night; by day their configurations are composed.
+# These run every night, and what needs their results; by day those of the first job are composed.
 LONG = re.compile(r"navrl-(train|evaluate|search|export|benchmark) |navrl-\w+ -m ")
 LONG_IN_README = re.compile("navrl-train -m ")
 
@@ -263,7 +262,7 @@ def executed(bench: Bench, page: Path, command: str, whole: bool = False) -> Pat
 
 
 def check(bench: Bench, page: Path, command: str, whole: bool = False) -> None:
-    """Run a command; it ends well, or as it must on a machine without GPU or display."""
+    """Run a command; it ends well, or in one line where what it needs is missing."""
     lacking = [there for word, there in NEEDS.items() if word in command]
     folder = executed(bench, page, command, whole)
     status, _, said = json.loads((folder.parent / "said.json").read_text())

@@ -64,7 +64,7 @@ def privileged_observation(
     Args:
         state: True state of N worlds.
         radius: Radius of the robot, m.
-        localization: Errors of the observed pose; with some the true pose is included.
+        localization: Errors of the observed pose; if it has any, the true pose is included.
     """
     distance = point_box_distance(state.pose[:, :2], state.pedestrians)
     clearance = distance.amin(dim=-1, keepdim=True) - radius

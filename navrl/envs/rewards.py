@@ -70,8 +70,8 @@ class Guidance:
         weight: Weight of the term, per m.
         lookahead: Arc length from the robot's projection to the guidance point, m.
         point: ``"before_move"`` uses the point at s_t, so driving towards it increases the reward;
-            ``"after_move"`` uses the point at s_{t+1}, where driving and standing still give the
-            same.
+            ``"after_move"`` uses the point at s_{t+1}, whose reward is the same whether the robot
+            drives or stands.
 
     Reference:
         Paper Sec. IV-D, r_guide with alpha_2 = 0.2 and 0.6 m. The paper does not specify the state

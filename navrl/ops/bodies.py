@@ -2,7 +2,7 @@
 
 BODY_BOX, BODY_DISC, BODY_LEGS = range(3)
 BODY_HEIGHT_M = 1.8
-"""Height of a pedestrian, m; lower obstacles are in the way."""
+"""Height of a pedestrian, m; obstacles that begin below are in the way."""
 BODIES = ("box", "disc", "legs")
 """Names of the codes."""
 

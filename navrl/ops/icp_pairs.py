@@ -86,7 +86,8 @@ def pair_weights(
 ) -> tuple[Tensor, Tensor]:
     """Return robust weight and residual, m, of each pair, ``[S, N]`` each.
 
-    The residual is the distance to the matched line, or to the point if it is on none.
+    The residual is the distance to the line through the matched point, or to that point if no line
+    passes through it.
 
     Args:
         points: ``[S, N, 2]`` m.
@@ -120,10 +121,10 @@ def line_equations(
     lines: ScanLines,
     slide_weight: float = SLIDE_WEIGHT,
 ) -> tuple[Tensor, Tensor]:
-    """Return normal matrix ``[S, 3, 3]`` and vector ``[S, 3]`` of the distances to the lines.
+    """Return matrix ``[S, 3, 3]`` and right side ``[S, 3]`` of the normal equations of the lines.
 
-    Where the target has no line, the pair contributes its point-to-point distance. Along a line,
-    the residual has the small weight ``slide_weight``.
+    A pair without a line counts with its point-to-point distance. A pair with a line counts with
+    its distance across the line and, weighted by ``slide_weight``, its offset along it.
 
     Args:
         points: ``[S, N, 2]`` m.

@@ -28,7 +28,7 @@ _ROBOT = "${robot}"
 
 
 def foreign_node(policy: str) -> dict[str, Any] | None:
-    """Return the configuration node of a reference; ``None`` if it is none.
+    """Return the configuration node of a policy outside navrl; ``None`` for any other value.
 
     Args:
         policy: Value of ``policy=``.

@@ -23,8 +23,8 @@ _MAX_SPEED_SHARE = 1.3  # of the preferred speed, to which a pedestrian may hurr
 class OrcaPedestrians(RouteWalkers):
     """Reactive pedestrians on their routes, with optimal reciprocal collision avoidance.
 
-    Each assumes that the others, the robot included, do half of the avoidance. Those with legs keep
-    the swing of their feet away from the robot too.
+    Each assumes that the others, the robot included, do half of the avoidance. If any in a
+    world has legs, all keep the largest swing of feet there from the robot too.
 
     Args:
         sees_robot: Whether pedestrians avoid the robot.

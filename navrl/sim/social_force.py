@@ -26,8 +26,8 @@ class SocialForcePedestrians(RouteWalkers):
 
     The acceleration of a pedestrian is ``(preferred - velocity) / relaxation_s`` plus, from each
     other pedestrian and the nearest obstacle, ``strength * exp(-gap / reach)`` along the line
-    between them; from the robot also the swing of the feet of those with legs. It is less for what
-    is behind the pedestrian.
+    between them. The gap to the robot is less by the swing of the feet of those with legs. What is
+    behind the pedestrian pushes less.
 
     Args:
         sees_robot: Whether pedestrians are pushed away by the robot.

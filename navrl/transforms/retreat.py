@@ -33,9 +33,9 @@ from navrl.transforms.observation_map import (
 from navrl.transforms.stall_timer import has_stalled
 
 _STEP_M = 0.1  # m between the points of the path that are considered
-_WINDOW_M = 4.0  # m of the path to both sides of the progress, from which a retreat keeps away
+_WINDOW_M = 4.0  # m of the path behind and ahead of the progress, from which a retreat keeps away
 _HINT_M = 0.01  # m, length of a waypoint that only says where to turn
-_RETREATS, _WAITS = 1.0, 2.0  # of the third column of the state
+_RETREATS, _PAUSES = 1.0, 2.0  # of the third column of the state
 
 
 class Retreat(Transform):
@@ -43,10 +43,11 @@ class Retreat(Transform):
 
     A retreat begins if the robot has not made progress for ``patience``, and a return is in the
     way of a robot on the next ``look_ahead`` m of the path. Its target is the nearest place that
-    the robot can reach on a straight line and that is ``aside`` of the path; without one, the place
-    farthest from the blocked part, and from there on. At the target the robot turns to the path
-    and waits. The retreat ends when the path is free, or after ``duration``. Every ``duration``
-    and ``pause`` another one may begin. Between retreats the policy drives.
+    the robot can reach on a straight line and that is ``aside`` of the path. Without one it is the
+    place farthest from path and waypoints, where the robot chooses again. At the target the robot
+    turns to the path and waits. The retreat ends when the path is free, or after ``duration``;
+    another one may begin every ``duration + pause``. Otherwise the policy drives a robot without
+    progress for ``patience``.
 
     A retreat is driven by :class:`Recovery`, which reads the out keys in place of waypoints and
     stall. Up to ``patience`` they equal those.
@@ -69,9 +70,10 @@ class Retreat(Transform):
             :class:`StallTimer`, points ``[*B, N, 2]`` m in the robot frame, returns ``[*B, N]``
             bool, pose ``[*B, 3]`` and path ``[*B, P, 2]`` in the same world frame, and progress
             ``[*B, 1]`` m.
-        out_keys: For the recovery the waypoints ``[*B, F, 2]`` m, and the stall ``[*B, 2]``, whose
-            time is zero between retreats, where the policy drives. For the next step ``[*B, 3]``:
-            target (x, y) m in the robot frame, and 1 in a retreat, 2 between retreats, else 0.
+        out_keys: For the recovery the waypoints ``[*B, F, 2]`` m, and the stall ``[*B, 2]``, zeros
+            while the policy drives instead. For the next step ``[*B, 3]``:
+            target (x, y) m in the robot frame, and 1 in a retreat, 2 while the
+            policy drives instead, else 0.
 
     Raises:
         ValueError: If an argument is out of range, a number of keys is wrong, or later if the
@@ -168,7 +170,7 @@ class Retreat(Transform):
         target = self._chosen(chooses, target, points, returns, window, waypoints)
         way = self._way(target, reached & is_aside, waypoints)
         kept = torch.where(retreats.unsqueeze(-1), target, 0.0)
-        waits = (phase == _WAITS).unsqueeze(-1)
+        waits = (phase == _PAUSES).unsqueeze(-1)
         values = (
             torch.where(retreats[..., None, None], way, waypoints),
             torch.where(waits, 0.0, stall),
@@ -179,7 +181,7 @@ class Retreat(Transform):
         return tensordict
 
     def _path_nearby(self, tensordict: TensorDictBase, pose: Tensor, path: Tensor) -> Tensor:
-        """Return points of the path to both sides of the progress, ``[*B, W, 2]`` m."""
+        """Return points of the path behind and ahead of the progress, ``[*B, W, 2]`` m."""
         progress = read(self, tensordict, self.in_keys[6])
         offset = torch.arange(-self._first, self._first + 1, device=progress.device) * _STEP_M
         points = point_at(path, progress + offset)
@@ -190,14 +192,14 @@ class Retreat(Transform):
         return (_gap(window[..., self._first : self._last, :], points) < self.room).any(-1)
 
     def _phase(self, since: Tensor, before: Tensor, blocked: Tensor) -> Tensor:
-        """Return 1 for a retreat, 2 between retreats, 0 before the first, ``[*B]``."""
+        """Return 1 in a retreat, 2 if the policy drives a stalled robot, else 0, ``[*B]``."""
         stalled = has_stalled(since, self.patience, self.time_step)
         passed = since - self.patience + 0.5 * self.time_step
         passed = torch.remainder(passed, self.duration + self.pause)
         may_begin = passed < self.time_step
         goes_on = (before == _RETREATS) & (passed < self.duration)
         retreats = stalled & blocked & (may_begin | goes_on)
-        return torch.where(retreats, _RETREATS, torch.where(stalled, _WAITS, 0.0))
+        return torch.where(retreats, _RETREATS, torch.where(stalled, _PAUSES, 0.0))
 
     def _chosen(self, chooses: Tensor, target: Tensor, *seen: Tensor) -> Tensor:
         """Return the targets ``[*B, 2]``, new ones where a robot ``chooses``."""

@@ -78,7 +78,7 @@ class StallTimer(Transform):
         self.min_progress, self.free_progress = min_progress, free_progress
 
     def restart(self, tensordict: TensorDictBase, progress: Tensor) -> None:
-        """Move the largest progress to another path: what is still missing remains.
+        """Convert the largest progress to another path; its lead over the progress is the same.
 
         Args:
             tensordict: ``[*B]``, root of the next step, with the progress on the path before.

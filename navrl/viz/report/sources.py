@@ -18,7 +18,8 @@ class Sources:
 
     Args:
         folders: Searched folders.
-        evaluations: Evaluations of any suite and simulator; of equal ones, the one with recordings.
+        evaluations: Evaluations of any suite and simulator; of identical ones, one with recordings
+            if there is any.
         logs: Files ``metrics.csv`` of trainings.
         recordings: Episodes by name, failed ones first, alternating between folders.
         files: File of each recording.

@@ -52,9 +52,9 @@ class PlaceEpisodes(ABC, Generic[Key]):
         body: Body of both, see :class:`navrl.worlds.Pedestrian`; of several, each pedestrian has
             one at random.
         duration_s: Duration of the part of a recording that an episode uses, s.
-        walker_clearance: Minimum distance to all obstacles below 1.8 m of the routes of those that
-            walk, m, so that they fit everywhere; ``None`` for the robot's map, on which routes lead
-            under tables and through gaps where reactive pedestrians get stuck.
+        walker_clearance: Minimum distance of the routes of those that walk to all obstacles that
+            begin below 1.8 m, m; ``None`` plans them on the robot's map, on which routes lead under
+            tables and through gaps where reactive pedestrians get stuck.
 
     Raises:
         ValueError: If a value is out of range.
@@ -137,7 +137,7 @@ class PlaceEpisodes(ABC, Generic[Key]):
                     place,
                     height=BODY_HEIGHT_M,
                     clearance=self.walker_clearance,
-                    comfort=max(self.comfort, self.walker_clearance),
+                    comfort=max(self.comfort, 1.5 * self.walker_clearance),
                     cell_clearance=self.walker_clearance,
                 )
             self._floors[key] = robots, walkers
@@ -229,7 +229,7 @@ class PlaceEpisodes(ABC, Generic[Key]):
         return tuple(people)
 
     def _walk(self, generator: np.random.Generator, floor: Floor, path: np.ndarray) -> np.ndarray:
-        """Return a route ``[R, 2]`` m; on a map of its own, the first of many draws that exists."""
+        """Return a route ``[R, 2]`` m; with ``walker_clearance`` it is drawn until one exists."""
         for _ in range(0 if self.walker_clearance is None else _TRIES):
             with suppress(NoPathError):
                 return self._drawn_walk(generator, floor, path)

@@ -33,7 +33,7 @@ def make_floor(
         place: The place.
         height: Height of the body that moves there, m: what begins above is no obstacle.
         clearance: Smallest distance of paths to obstacles, m.
-        comfort: Distance from obstacles from which on a path does not keep away from them, m.
+        comfort: Distance beyond which a path no longer keeps away from obstacles, m.
         cell_clearance: Smallest distance of free cells to obstacles, m.
     """
     bottom, top = place.heights.T

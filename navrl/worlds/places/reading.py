@@ -21,11 +21,11 @@ _PICTURES = {"PPM": "PGM", "PNG": "PNG", "BMP": "BMP"}  # formats of Pillow and 
 
 
 class Reader:
-    """Values of one file by key.
+    """Look up values of one file by key.
 
     Args:
-        file: File, for errors.
-        values: Its outermost object.
+        file: Path, named in errors.
+        values: Outermost object of the file.
         prefix: Key of ``values`` in the file, with a trailing dot.
     """
 
