@@ -128,7 +128,8 @@ def test_synchronous_workers_are_reproducible(tmp_path):
         runs.append(watched.steps)
     for (worker, step), (other, again) in zip(*runs, strict=True):
         assert worker == other
-        assert (step == again).all()
+        ids = "collector"  # TorchRL counts trajectories on, over all runs of a process
+        assert (step.exclude(ids) == again.exclude(ids)).all()
 
 
 @pytest.mark.slow
@@ -136,14 +137,14 @@ def test_a_run_with_workers_resumes_with_the_same_learner(tmp_path):
     overrides = ["collector=process", "replay.num_steps=3"]
     trainer = Watched(tmp_path, overrides).trainer
     trainer.run()
-    resumed = Watched(tmp_path, [*overrides, "schedule.total_frames=320"]).trainer
+    resumed = Watched(tmp_path, [*overrides, "schedule.total_frames=560"]).trainer
     resumed._restore()
     for name, value in trainer.algorithm.state_dict()["loss"].items():
         assert torch.equal(value, resumed.algorithm.state_dict()["loss"][name]), name
     assert vars(resumed.progress) == vars(trainer.progress)
     assert len(resumed.replay) == len(trainer.replay)
     assert not resumed.replay.save(tmp_path / "journal")["streams"], "steps of old episodes"
-    assert resumed.run().frames == 320
+    assert resumed.run().frames == 560
 
 
 def test_curriculum_level_reaches_the_worlds(tmp_path):
