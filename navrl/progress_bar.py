@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -13,6 +14,8 @@ from tqdm import tqdm
 _WITHOUT_REMAINING = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}, {rate_fmt}{postfix}]"
 _TERMINAL_INTERVAL_S = 0.1
 _LOG_INTERVAL_S = 30.0  # each refresh is a line in a file
+# tqdm's own lock has a semaphore, whose tracker starts before a training can shield it from SIGHUP.
+tqdm.set_lock(threading.RLock())
 
 
 def progress_bar(

@@ -23,8 +23,8 @@ _MAX_SPEED_SHARE = 1.3  # of the preferred speed, to which a pedestrian may hurr
 class OrcaPedestrians(RouteWalkers):
     """Reactive pedestrians on their routes, with optimal reciprocal collision avoidance.
 
-    Each assumes that the others, the robot included, do half of the avoidance. If any in a
-    world has legs, all keep the largest swing of feet there from the robot too.
+    Each assumes that the others, the robot included, do half of the avoidance. The widest
+    swing of feet among those that react in a world is kept from the robot by all of them.
 
     Args:
         sees_robot: Whether pedestrians avoid the robot.
@@ -115,7 +115,7 @@ class OrcaPedestrians(RouteWalkers):
         for wall in corners(rows["walls"][world, : int(rows["num_walls"][world])]).tolist():
             simulation.add_obstacle(wall)
         simulation.process_obstacles()
-        feet = float(rows["feet"][world].amax()) if count else 0.0  # no one steps on the robot
+        feet = float(rows["feet"][world].amax()) if count else 0.0  # of those that react
         simulation.add_agent((_AWAY_M, 0.0), *common, self.robot_radius + feet, 10.0)
         for radius, speed in zip(
             rows["radius"][world].tolist(), rows["speed"][world].tolist(), strict=True

@@ -94,7 +94,7 @@ class RouteWalkers(PedestrianModel):
             "walks": walks,
             "speed": scenarios.ped_speed,
             "radius": torch.where(is_round, half[..., 0], half.norm(dim=-1)),
-            "feet": _feet(scenarios),
+            "feet": torch.where(walks, _feet(scenarios), 0.0),
             "velocity": torch.zeros_like(half),
         }
         for name, value in values.items():

@@ -10,6 +10,8 @@ from navrl.transforms.icp_align import ICPAlign
 from navrl.transforms.motion_compensation import MotionCompensation
 from navrl.transforms.motion_prediction import MotionPrediction
 from navrl.transforms.recovery import Recovery
+from navrl.transforms.retreat import Retreat
+from navrl.transforms.waypoints import Waypoints
 
 BEFORE_ALL = ("scan_adapter",)
 """Names of steps that come first, wherever they are added: the others read their scans."""
@@ -51,6 +53,7 @@ def compose(**steps: Transform | None) -> Compose:
         if step is not None and not isinstance(step, Transform):
             raise ValueError(f"transforms.{name}={step!r}: must be a TorchRL Transform or null")
     _check_alignment(steps)
+    _check_retreat(steps)
     given = [step for name in _ordered(list(steps)) if (step := steps[name]) is not None]
     return Compose(sorted(given, key=_rank) if any(map(_needs_order, given)) else given)
 
@@ -78,6 +81,30 @@ def _check_alignment(steps: dict[str, Transform | None]) -> None:
             "transforms.full_range: its scans must be moved as those of motion_compensation; "
             f"steps/{needed}.yaml does it"
         )
+
+
+def _check_retreat(steps: dict[str, Transform | None]) -> None:
+    """Check that a recovery drives a retreat, and that it is in the frame of the waypoints."""
+    given = list(steps.values())
+    for step in (step for step in given if isinstance(step, Retreat)):
+        recoveries = [one for one in given if isinstance(one, Recovery)]
+        drives = [one for one in recoveries if {*step.out_keys[:2]} <= {*one.scan_keys}]
+        if not drives:
+            raise ValueError(
+                f"transforms.retreat: must have a recovery that reads {step.out_keys[:2]}; "
+                "steps/retreat.yaml adds it"
+            )
+        if not step.patience > drives[0].patience:
+            raise ValueError(
+                f"transforms.retreat.patience={step.patience}: must be > "
+                f"transforms.recovery.patience={drives[0].patience} s"
+            )
+        poses = {way.in_keys[0] for way in given if isinstance(way, Waypoints)}
+        if poses and step.in_keys[4] not in poses:
+            raise ValueError(
+                f"transforms.retreat.in_keys={step.in_keys}: must read the pose of the waypoints, "
+                f"{poses.pop()!r}"
+            )
 
 
 def _ordered(names: list[str]) -> list[str]:

@@ -9,7 +9,7 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from navrl import keys
-from navrl.checks import check_positive
+from navrl.checks import check_positive, is_finite
 from navrl.ops.dynamic_window import score_commands
 from navrl.ops.motion import (
     check_commands,
@@ -110,8 +110,8 @@ class Recovery(ActionMap):
         self.radius, self.margin, self.facing = radius, margin, facing
         self.time_step, self.patience, self.horizon_steps = time_step, patience, horizon_steps
         self.max_turn_rate, self.group_radius = max_turn_rate, group_radius
-        if not 0.0 <= turn_weight < math.inf:
-            raise ValueError(f"turn_weight={turn_weight}: must be >= 0 and finite")
+        if not (is_finite(turn_weight) and turn_weight >= 0.0):
+            raise ValueError(f"turn_weight={turn_weight!r}: must be >= 0 and finite")
         self.turn_weight = turn_weight
         self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)

@@ -12,7 +12,7 @@ from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform
 
 from navrl import keys
-from navrl.checks import check_counts, check_positive
+from navrl.checks import check_counts, check_positive, is_finite
 from navrl.ops import se2
 from navrl.ops.motion import FAR
 from navrl.ops.path import point_at
@@ -127,8 +127,16 @@ class Retreat(Transform):
         positive |= {"duration": duration, "aside": aside, "max_distance": max_distance}
         check_positive(**positive, reach=reach, look_ahead=look_ahead)
         check_counts(num_bearings=num_bearings, num_distances=num_distances)
-        if not 0.0 <= margin < math.inf:
-            raise ValueError(f"margin={margin}: must be >= 0 m and finite")
+        if not (is_finite(margin) and margin >= 0.0):
+            raise ValueError(f"margin={margin!r}: must be >= 0 m and finite")
+        if min(duration, pause) < time_step:
+            raise ValueError(
+                f"duration={duration}, pause={pause}: must be >= time_step={time_step} s"
+            )
+        if not reach < aside <= max_distance:
+            raise ValueError(
+                f"aside={aside}: must be > reach={reach} m and <= max_distance={max_distance} m"
+            )
         if not _STEP_M <= look_ahead <= _WINDOW_M:
             raise ValueError(f"look_ahead={look_ahead}: must be in [{_STEP_M}, {_WINDOW_M}] m")
         self.time_step, self.patience, self.duration = time_step, patience, duration
@@ -277,4 +285,5 @@ class Retreat(Transform):
 
 def _gap(places: Tensor, points: Tensor) -> Tensor:
     """Return the distance from each of ``[*B, K, 2]`` to the nearest point, ``[*B, K]``."""
-    return torch.cdist(places, points).amin(-1)
+    exact = "donot_use_mm_for_euclid_dist"  # a product of matrices is off by up to 2 mm
+    return torch.cdist(places, points, compute_mode=exact).amin(-1)

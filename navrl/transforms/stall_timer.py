@@ -80,6 +80,8 @@ class StallTimer(Transform):
     def restart(self, tensordict: TensorDictBase, progress: Tensor) -> None:
         """Convert the largest progress to another path; its lead over the progress is the same.
 
+        A path that begins at a robot that has backed up hides the way back: then that way counts.
+
         Args:
             tensordict: ``[*B]``, root of the next step, with the progress on the path before.
             progress: ``[*B, 1]`` m, arc length on the new path at which the search starts.

@@ -69,7 +69,7 @@ class ClearanceMap:
         reach = self._extents if is_tight else radius[:, None]
         self.origin = (center - reach).min(0) - margin
         size = (center + reach).max(0) + margin - self.origin
-        self.clearance = np.full(tuple(np.ceil(size / cell).astype(int)), comfort)
+        self.clearance = np.full(tuple(np.ceil(size / cell).astype(int)), float(comfort))
         for index in range(len(center)):
             self._lower(index)
         self._searches: dict[int, tuple[np.ndarray, MCP_Geometric]] = {}

@@ -64,6 +64,14 @@ def test_feet_do_not_hit_a_robot_that_drives(kind, route):
         assert states[-1].contact.tolist() == [Contact.NONE]
 
 
+def test_feet_of_those_who_do_not_react_do_not_count(kind):
+    far = Pedestrian.tracked(np.array([90.0, 91.0]), np.array([[30.0, 0.0], [33.0, 0.0]]))
+    far = dataclasses.replace(far, body="legs")
+    near = [walker((3.0, 0.0), (-3.0, 0.0), speed=0.8)]
+    least = [clearance(play(kind, scene(pedestrians=near + more), 38)[1]) for more in ([], [far])]
+    assert least[0] == least[1]
+
+
 def test_pedestrian_does_not_react_to_an_unseen_robot(kind):
     _, states = play(kind, ONCOMING, 30, sees_robot=False, sidestep=0.0)
     assert states[-1].contact.tolist() == [Contact.HIT_BY_PEDESTRIAN]

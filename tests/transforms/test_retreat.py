@@ -13,7 +13,8 @@ from tensordict import TensorDict
 from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from navrl import keys
+from navrl import config, keys
+from navrl.factory import make_evaluated_policy
 from navrl.transforms import MinPool, Recovery, Retreat, StallTimer, Waypoints, compose
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -22,6 +23,12 @@ PERSON = (0.5, 0.0)  # m, on the path
 NO_MOTION = torch.zeros(1, 1, 4), torch.zeros(1, 1, 2, dtype=torch.bool)
 ASKED = torch.tensor([[0.7, -0.4]])
 BESIDE = [(x / 10, side) for x in range(-30, 31) for side in (-0.3, 0.3)]  # m, a narrow passage
+
+
+def driving(**values):
+    """Return a recovery that drives a retreat."""
+    scan = (keys.POINTS, keys.RETURNS, keys.TAGD, keys.TAGD_VALID)
+    return Recovery(scan_keys=(*scan, keys.RECOVERY_WAYPOINTS, keys.RECOVERY_STALL), **values)
 
 
 class TestRetreat(TransformContract):
@@ -242,7 +249,7 @@ def test_robot_that_waits_does_not_spin():
 
 
 def test_recovery_follows_the_retreat_in_any_order():
-    recovery, retreat = Recovery(), Retreat()
+    recovery, retreat = driving(), Retreat()
     for names in (("recovery", "retreat"), ("retreat", "recovery")):
         steps = {"recovery": recovery, "retreat": retreat}
         assert list(compose(**{name: steps[name] for name in names})) == [retreat, recovery]
@@ -276,3 +283,50 @@ def test_step_composes_with_a_pipeline(pipeline, steps):
 def test_bad_arguments_are_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ({"retreat": Retreat()}, r"transforms.retreat: must have a recovery that reads \['recov"),
+        (
+            {"retreat": Retreat(), "recovery": driving(patience=4.0)},
+            r"transforms.retreat.patience=4.0: must be > transforms.recovery.patience=4.0 s",
+        ),
+        (
+            {
+                "waypoints": Waypoints(in_keys=[keys.POSE_AHEAD, keys.PATH]),
+                "retreat": Retreat(),
+                "recovery": driving(),
+            },
+            r"must read the pose of the waypoints, 'pose_ahead'",
+        ),
+    ],
+)
+def test_retreat_that_cannot_be_driven_is_rejected(steps, message):
+    with pytest.raises(ValueError, match=message):
+        compose(**steps)
+
+
+@pytest.mark.parametrize("policy", ["navrl-best", "navrl-best-robot"])
+def test_retreat_is_in_the_frame_of_the_waypoints(policy):
+    words = [f"policy={policy}", "suite=smoke", "num_worlds=1"]
+    cfg = config.compose("evaluate", [*words, "+transforms/steps@change.transforms=retreat"])
+    steps = list(make_evaluated_policy(cfg).env.transform)
+    (retreat,) = (step for step in steps if isinstance(step, Retreat))
+    (waypoints,) = (step for step in steps if isinstance(step, Waypoints))
+    assert retreat.in_keys[4] == waypoints.in_keys[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("duration", 0.1, r"duration=0.1, pause=3.0: must be >= time_step=0.2 s"),
+        ("aside", 9.0, r"aside=9.0: must be > reach=0.15 m and <= max_distance=1.5 m"),
+        ("reach", 0.7, r"aside=0.65: must be > reach=0.7 m"),
+        ("margin", "abc", r"margin='abc': must be >= 0 m and finite"),
+    ],
+)
+def test_values_that_contradict_each_other_are_named(name, value, message):
+    with pytest.raises(ValueError, match=message):
+        Retreat(**{name: value})

@@ -221,6 +221,9 @@ def test_routes_of_walkers_keep_their_own_clearance(tmp_path):
         assert least < 0.05 if clearance is None else least > 0.34 - 0.04, least  # cells of 5 cm
     with pytest.raises(ValueError, match=r"walker_clearance=0\.0: must be"):
         PlaceDistribution(str(tmp_path), walker_clearance=0.0)
+    narrow = PlaceDistribution(str(tmp_path), num_walkers=(1, 1), walker_clearance=3.5, comfort=1)
+    with pytest.raises(ValueError, match=r"in place hall .*: walker_clearance=3\.5: no route of a"):
+        narrow.sample("mine", 0, 0)
 
 
 def test_goal_clearance_beyond_the_map_is_rejected(tmp_path):

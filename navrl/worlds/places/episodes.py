@@ -17,18 +17,19 @@ from navrl.worlds.pedestrian import Pedestrian
 from navrl.worlds.pedestrians import simplify
 from navrl.worlds.places.floor import Floor, make_floor
 from navrl.worlds.places.place import Place
+from navrl.worlds.places.start import check_start
 from navrl.worlds.places.tracks import window
 from navrl.worlds.planner import NoPathError
 from navrl.worlds.scenario import Scenario
 
 Key = TypeVar("Key", bound=Hashable)
 
-_TRIES = 200
+_TRIES, _WALK_TRIES = 200, 201
+_MAX_WITHOUT_WALK = 3  # draws of an episode without a route for a pedestrian
 _MAX_FLOORS = 16  # a map of 15 m x 15 m takes 1.5 MB
 _MIN_ROUTE_M = 2.0  # m, length of a pedestrian's route
 _BODY_RADIUS_M = 0.2  # m, half the depth of a standing adult's shoulders and chest; ours
 _APART_M = 1.2  # m between stationary pedestrians, and from them to the goal
-_START_CLEARANCE_M = 1.0  # m from the robot to pedestrians at the start
 
 
 class PlaceEpisodes(ABC, Generic[Key]):
@@ -139,6 +140,7 @@ class PlaceEpisodes(ABC, Generic[Key]):
                     clearance=self.walker_clearance,
                     comfort=max(self.comfort, 1.5 * self.walker_clearance),
                     cell_clearance=self.walker_clearance,
+                    is_closed=robots.is_closed,
                 )
             self._floors[key] = robots, walkers
         return self._floors[key]
@@ -147,22 +149,25 @@ class PlaceEpisodes(ABC, Generic[Key]):
         """Return episode ``index``; the same arguments always give the same one.
 
         Raises:
-            RuntimeError: If no start and goal are found in many draws.
+            ValueError: If no episode is found in many draws.
         """
         entropy = [seed, zlib.crc32(suite.encode()), index]
         generator = np.random.default_rng(np.random.SeedSequence(entropy))
         floor, of_walkers = self._both_floors(self.key_of(suite, seed, index))
         place = floor.place
-        reason = None
+        reason, without_walk = None, 0
         for _ in range(_TRIES):
             try:
                 people = self._recorded(generator, place)
                 start, path = self._route(generator, floor)
                 people += self._walkers(generator, of_walkers, path)
                 people += self._standing(generator, floor, path[-1])
-                _check_start(start, people)
+                check_start(start, people)
             except NoPathError as error:
                 reason = error
+                without_walk += isinstance(error, _NoWalkError)
+                if without_walk == _MAX_WITHOUT_WALK:
+                    break
                 continue
             return Scenario(
                 suite=suite,
@@ -179,9 +184,8 @@ class PlaceEpisodes(ABC, Generic[Key]):
                 discs=place.discs,
                 heights=place.heights,
             )
-        raise RuntimeError(
-            f"no episode in {_TRIES} draws in place {place.name} ({suite}, {seed}, {index}): "
-            f"{reason}"
+        raise ValueError(
+            f"no episode found in place {place.name} ({suite}, {seed}, {index}): {reason}"
         )
 
     def _route(self, generator: np.random.Generator, floor: Floor) -> tuple[np.ndarray, np.ndarray]:
@@ -202,7 +206,9 @@ class PlaceEpisodes(ABC, Generic[Key]):
     def _point(self, generator: np.random.Generator, floor: Floor) -> np.ndarray:
         """Return a free point ``[2]`` m."""
         if not len(floor.cells):
-            raise NoPathError(f"no point has goal_clearance={self.goal_clearance}")
+            raise NoPathError(
+                f"no point has goal_clearance={self.goal_clearance} m, or walker_clearance"
+            )
         return floor.cells[generator.integers(len(floor.cells))]
 
     def _recorded(self, generator: np.random.Generator, place: Place) -> tuple[Pedestrian, ...]:
@@ -230,16 +236,29 @@ class PlaceEpisodes(ABC, Generic[Key]):
 
     def _walk(self, generator: np.random.Generator, floor: Floor, path: np.ndarray) -> np.ndarray:
         """Return a route ``[R, 2]`` m; with ``walker_clearance`` it is drawn until one exists."""
-        for _ in range(0 if self.walker_clearance is None else _TRIES):
+        if self.walker_clearance is None:
+            return self._drawn_walk(generator, floor, path)
+        # Once: of the routes that meet fewer exist.
+        meets = bool(self.meeting) and generator.random() < self.meeting
+        for _ in range(_WALK_TRIES):
             with suppress(NoPathError):
-                return self._drawn_walk(generator, floor, path)
-        return self._drawn_walk(generator, floor, path)
+                return self._drawn_walk(generator, floor, path, meets)
+        raise _NoWalkError(
+            f"walker_clearance={self.walker_clearance}: no route of a pedestrian found, a smaller "
+            "value or null allows more"
+        )
 
     def _drawn_walk(
-        self, generator: np.random.Generator, floor: Floor, path: np.ndarray
+        self,
+        generator: np.random.Generator,
+        floor: Floor,
+        path: np.ndarray,
+        meets: bool | None = None,
     ) -> np.ndarray:
         points = [self._point(generator, floor) for _ in range(2)]
-        if self.meeting and generator.random() < self.meeting:
+        if meets is None:
+            meets = bool(self.meeting) and generator.random() < self.meeting
+        if meets:
             points.insert(1, path[generator.integers(len(path))])
         parts = [floor.grid.path(p, q) for p, q in itertools.pairwise(points)]
         route = simplify(np.concatenate(parts), tolerance=0.05)
@@ -274,24 +293,5 @@ class PlaceEpisodes(ABC, Generic[Key]):
         return Pedestrian(route, speed, offset, half_size, None, body)
 
 
-def _check_start(start: np.ndarray, people: tuple[Pedestrian, ...]) -> None:
-    """Raise ``NoPathError`` if a pedestrian is near the robot at the start."""
-    for person in people:
-        if person.times is not None:
-            soon = np.asarray(person.times)
-            at = [np.interp(np.linspace(0, 1, 6), soon, person.route[:, k]) for k in (0, 1)]
-            here = (soon[0] <= 1.0) & (soon[-1] >= 0.0)
-            near = here and np.hypot(at[0] - start[0], at[1] - start[1]).min()
-            is_near = here and near < _START_CLEARANCE_M
-        else:
-            is_near = _distance_at_start(person, start) < _START_CLEARANCE_M
-        if is_near:
-            raise NoPathError("a pedestrian is near the robot at the start")
-
-
-def _distance_at_start(person: Pedestrian, start: np.ndarray) -> float:
-    arc = np.concatenate([[0.0], np.linalg.norm(np.diff(person.route, axis=0), axis=1).cumsum()])
-    along = person.offset % max(2 * arc[-1], 1e-9)
-    along = min(along, 2 * arc[-1] - along)
-    x, y = (np.interp(along, arc, person.route[:, k]) for k in (0, 1))
-    return float(np.hypot(x - start[0], y - start[1]))
+class _NoWalkError(NoPathError):
+    """Error for a pedestrian without a route."""
