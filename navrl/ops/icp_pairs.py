@@ -121,7 +121,7 @@ def line_equations(
     lines: ScanLines,
     slide_weight: float = SLIDE_WEIGHT,
 ) -> tuple[Tensor, Tensor]:
-    """Return matrix ``[S, 3, 3]`` and right side ``[S, 3]`` of the normal equations of the lines.
+    """Return matrix ``[S, 3, 3]`` and right side ``[S, 3]`` of the normal equations.
 
     A pair without a line counts with its point-to-point distance. A pair with a line counts with
     its distance across the line and, weighted by ``slide_weight``, its offset along it.

@@ -13,7 +13,7 @@ MAX_CELLS = 4096  # of a world; cells of larger worlds are larger
 
 
 def visibility(scenarios: ScenarioBatch, lidar_height: float, height: float) -> Tensor:
-    """Return whether the lidar sees each obstacle and whether the hull can touch it, ``[M, W, 2]``.
+    """Return whether the lidar sees, and the hull can touch, each obstacle, ``[M, W, 2]``.
 
     Args:
         scenarios: M scenarios.

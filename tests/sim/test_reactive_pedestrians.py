@@ -64,7 +64,7 @@ def test_feet_do_not_hit_a_robot_that_drives(kind, route):
         assert states[-1].contact.tolist() == [Contact.NONE]
 
 
-def test_feet_of_those_who_do_not_react_do_not_count(kind):
+def test_feet_of_tracked_pedestrians_do_not_count(kind):
     far = Pedestrian.tracked(np.array([90.0, 91.0]), np.array([[30.0, 0.0], [33.0, 0.0]]))
     far = dataclasses.replace(far, body="legs")
     near = [walker((3.0, 0.0), (-3.0, 0.0), speed=0.8)]
