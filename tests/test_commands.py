@@ -193,11 +193,14 @@ def two_jobs(command: str) -> str:
     several = choices(command)
     if not several:
         return command
+    program, *given = shlex.split(command)
+    fixed = [word for word in given if not re.match(r"-|hydra|sweep=", word)]
+    fixed = [word for word in fixed if word.partition("=")[0] not in several]
     first = {key: values[0] for key, values in several.items()}
     for key, values in several.items():
         for value in values[1:-1]:
-            job = [f"{name}={given}" for name, given in (first | {key: value}).items()]
-            compose(command.split()[0].removeprefix("navrl-"), job)
+            job = [f"{name}={chosen}" for name, chosen in (first | {key: value}).items()]
+            compose(program.removeprefix("navrl-"), [*fixed, *job])
     last = next(reversed(several))
     kept = {key: values[:1] for key, values in several.items()}
     kept[last] = [several[last][0], several[last][-1]]
