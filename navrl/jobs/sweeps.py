@@ -90,6 +90,8 @@ class CompareEvaluations(Callback):
         from navrl.evaluation.robustness import NOMINAL  # loads torch
 
         folder, texts, files = Path(config.hydra.sweep.dir), [], []
+        if not any(folder.rglob("summary.json")):  # e.g. data that are not here
+            return log.info("no job of the sweep has a result")
         found = evaluation.find_evaluations([folder])
         compared = [e for e in found if e.perturbation in (None, NOMINAL)]
         if compared:

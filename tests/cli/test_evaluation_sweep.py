@@ -5,11 +5,12 @@ import shlex
 
 import pages
 import pytest
+from omegaconf import OmegaConf
 
 from navrl.config import compose, folder_name
 from navrl.factory import bundle_folder
 from navrl.jobs import claim_folder
-from navrl.jobs.sweeps import expand_policies
+from navrl.jobs.sweeps import CompareEvaluations, expand_policies
 from navrl.policies.classical import Orca
 
 TINY = [
@@ -48,6 +49,13 @@ def test_controller_without_its_library_is_skipped(monkeypatch, caplog):
     assert "orca" not in expand_policies(["all"])
     assert "no_such_module" in caplog.text
     assert expand_policies(["orca"]) == ["orca"]  # asked for by name: the error is its own
+
+
+def test_sweep_without_a_result_has_no_table(tmp_path, caplog):
+    caplog.set_level("INFO")
+    sweep = OmegaConf.create({"hydra": {"sweep": {"dir": str(tmp_path)}}})
+    CompareEvaluations().on_multirun_end(sweep)
+    assert caplog.messages == ["no job of the sweep has a result"]
 
 
 def test_sweep_prints_one_table_and_repeats_no_job(tmp_path, evaluate):
