@@ -24,7 +24,7 @@ from navrl.worlds.scenario import Scenario
 
 Key = TypeVar("Key", bound=Hashable)
 
-_TRIES, _WALK_TRIES = 200, 201
+_TRIES = 200
 _MAX_WITHOUT_WALK = 3  # draws of an episode without a route for a pedestrian
 _MAX_FLOORS = 16  # a map of 15 m x 15 m takes 1.5 MB
 _MIN_ROUTE_M = 2.0  # m, length of a pedestrian's route
@@ -240,7 +240,7 @@ class PlaceEpisodes(ABC, Generic[Key]):
             return self._drawn_walk(generator, floor, path)
         # Once: of the routes that meet fewer exist.
         meets = bool(self.meeting) and generator.random() < self.meeting
-        for _ in range(_WALK_TRIES):
+        for _ in range(_TRIES):
             with suppress(NoPathError):
                 return self._drawn_walk(generator, floor, path, meets)
         raise _NoWalkError(
