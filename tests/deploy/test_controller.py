@@ -489,7 +489,7 @@ def test_threads_may_call_every_method():
     threads = [threading.Thread(target=repeat, args=(call,)) for call in calls]
     for thread in threads:
         thread.start()
-    for _ in range(100):
+    for _ in range(40):
         clock[0] += 0.05
         v, _, state = control.tick(clock[0])
         assert (v > 0) <= (state is DriveState.DRIVE)
