@@ -115,7 +115,7 @@ class OrcaPedestrians(RouteWalkers):
         for wall in corners(rows["walls"][world, : int(rows["num_walls"][world])]).tolist():
             simulation.add_obstacle(wall)
         simulation.process_obstacles()
-        feet = float(rows["feet"][world].amax()) if count else 0.0  # of those that react
+        feet = float(rows["feet"][world].amax())  # m, of those that react
         simulation.add_agent((_AWAY_M, 0.0), *common, self.robot_radius + feet, 10.0)
         for radius, speed in zip(
             rows["radius"][world].tolist(), rows["speed"][world].tolist(), strict=True

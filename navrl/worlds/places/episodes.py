@@ -206,9 +206,7 @@ class PlaceEpisodes(ABC, Generic[Key]):
     def _point(self, generator: np.random.Generator, floor: Floor) -> np.ndarray:
         """Return a free point ``[2]`` m."""
         if not len(floor.cells):
-            raise NoPathError(
-                f"no point has goal_clearance={self.goal_clearance} m, or walker_clearance"
-            )
+            raise NoPathError(f"no point has goal_clearance={self.goal_clearance}")
         return floor.cells[generator.integers(len(floor.cells))]
 
     def _recorded(self, generator: np.random.Generator, place: Place) -> tuple[Pedestrian, ...]:
