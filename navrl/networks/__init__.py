@@ -5,6 +5,7 @@ from navrl.networks.attention import LocationAttention
 from navrl.networks.convolution import ConvAttentionStream, ConvStream
 from navrl.networks.encoder import AttentionStream, StreamEncoder
 from navrl.networks.mlp import mlp
+from navrl.networks.scan_flow import ScanFlow
 from navrl.networks.vector_stream import VectorStream
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "ConvStream",
     "CriticNetwork",
     "LocationAttention",
+    "ScanFlow",
     "StreamEncoder",
     "VectorStream",
     "make_actor",
