@@ -169,7 +169,6 @@ class BatchedSimulator(Simulator):
     def _reset_pedestrians(self, worlds: Tensor, scenarios: ScenarioBatch) -> None:
         rows = self._rows
         # present pedestrians move to the front, because a scenario may have more than K rows
-        # present pedestrians move to the front, because a scenario may have more than K rows
         scenarios = compact_pedestrians(scenarios, self.max_pedestrians)
         rows["walk"][worlds] = packed_walk(scenarios)
         points = scenarios.route.shape[2]
@@ -251,7 +250,13 @@ class BatchedSimulator(Simulator):
             time_s=(rows["tick"] * self.substep_s).float(),
         )
 
-    def ranges(self, worlds: Tensor | None = None) -> Tensor:
+    def ranges(self, worlds: Tensor | None = None, has_pedestrians: bool = True) -> Tensor:
+        """Scan worlds; see :meth:`Simulator.ranges`.
+
+        Args:
+            worlds: [M] int64, worlds to scan; None for all.
+            has_pedestrians: False scans without pedestrians, which shows the beams that hit them.
+        """
         worlds = self._every_world if worlds is None else worlds.to(self.device)
         if not self._is_ready and bool(self._rows["pose"][worlds].isnan().any()):
             raise RuntimeError("every world must be reset before the first scan")
@@ -261,13 +266,14 @@ class BatchedSimulator(Simulator):
         if self.scan_memory.is_used:
             memory = self.scan_memory
             seen, newest, sweep = memory.rows, memory.newest, memory.sweep
+        boxes = seen["boxes"] if has_pedestrians else torch.full_like(seen["boxes"], torch.nan)
         scan_worlds_kernel(
             out,
             worlds,
             seen["pose"],
             self._mount,
             *(self._rows[name] for name in ("walls", "num_walls", *_CELLS)),
-            seen["boxes"],
+            boxes,
             self._rows["walk"],
             newest,
             sweep,
@@ -282,11 +288,8 @@ class BatchedSimulator(Simulator):
             raise RuntimeError(f"world {world} must be reset first")
         walls = rows["walls"][world, : int(rows["num_walls"][world])]
         yaw = torch.atan2(walls[:, 5], walls[:, 4])  # 0 for a disc
-        ordered = torch.empty(len(walls), 5, dtype=walls.dtype, device=walls.device)
-        ordered[rows["wall_order"][world, : len(walls)]] = torch.cat(
-            (walls[:, :4], yaw[:, None]), -1
-        )
-        return ordered
+        boxes = torch.cat((walls[:, :4], yaw[:, None]), dim=-1)
+        return boxes[rows["wall_order"][world, : len(walls)].argsort()]
 
     def _velocity(self) -> Tensor:
         return self._rows["velocity"]

@@ -10,7 +10,7 @@ import torch
 from scenes import pack, random_scene, scene, stander, walker
 
 from navrl.ops.raycast import cast_rays
-from navrl.sim import BatchedSimulator, Contact, DifferentialDrive, Lidar
+from navrl.sim import BatchedSimulator, Contact, Delays, DifferentialDrive, Lidar
 from navrl.worlds import pedestrian_boxes
 
 RADIUS = 0.178
@@ -284,6 +284,20 @@ def test_ranges_equal_ray_casting():
     assert (ranges < 3.5).float().mean() > 0.3
     nobody = cast_rays(scanner, batch.boxes, num_beams=360)
     assert (ranges < nobody - 1e-3).any(-1).sum() > 12  # people are seen
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.2])
+def test_scan_without_pedestrians_shows_what_is_behind(age_s):
+    worlds, delays = random_worlds(4), Delays(scan_age_s=age_s)
+    sim = placed(*worlds, delays=delays)
+    empty = placed(*(replace(world, pedestrians=()) for world in worlds), delays=delays)
+    state = sim.state_dict()
+    scans = sim.ranges(), sim.ranges(has_pedestrians=False)
+    assert torch.equal(scans[1], empty.ranges()) and bool((scans[0] < scans[1]).any())
+    part = torch.tensor([2, 0])
+    assert torch.equal(sim.ranges(part, has_pedestrians=False), scans[1][part])
+    assert torch.equal(sim.ranges(), scans[0])
+    torch.testing.assert_close(sim.state_dict(), state, rtol=0, atol=0, equal_nan=True)
 
 
 def test_first_scan_is_from_the_start_pose():
