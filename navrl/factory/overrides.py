@@ -146,6 +146,19 @@ def check_environment(
     check_types("train", overrides, compose_or_name("train", overrides))
 
 
+def check_flow(cfg: DictConfig) -> None:
+    """Check that overrides of ``navrl-train-flow`` have an effect on the recorded episodes.
+
+    Args:
+        cfg: A composed ``conf/train_flow.yaml``.
+
+    Raises:
+        ValueError: If a suite, its data or a reward is chosen.
+    """
+    for key, value in _overridden(cfg, ("suite", "data", "reward"), "train_flow"):
+        raise ValueError(f"{key}={value}: no effect, navrl-train-flow plays the episodes of scenario")
+
+
 def check_drawing(cfg: DictConfig) -> None:
     """Check that all overrides have an effect on the drawing of a recording.
 
@@ -208,6 +221,6 @@ def _overridden(
     ]
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _defaults(config_name: str) -> dict[str, Any]:
     return flat_values(compose(config_name))

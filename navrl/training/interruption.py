@@ -23,12 +23,15 @@ class TrainingStoppedError(Exception):
         signal_number: Received signal.
         done: Description of the progress, for the message.
         run: Run folder.
+        command: Command that continues; ``None`` for ``navrl-train resume=RUN``.
     """
 
-    def __init__(self, signal_number: signal.Signals, done: str, run: Path) -> None:
+    def __init__(
+        self, signal_number: signal.Signals, done: str, run: Path, command: str | None = None
+    ) -> None:
+        command = f"navrl-train resume={run}" if command is None else command
         super().__init__(
-            f"stopped by {signal_number.name} after {done}; saved, "
-            f"navrl-train resume={run} continues"
+            f"stopped by {signal_number.name} after {done}; saved, {command} continues"
         )
         self.signal_number = signal_number
 
