@@ -34,6 +34,10 @@ SHORTER = {
     "navrl-report": (),
     "navrl-suites": (),
     "navrl-search": (*pages.TINY_TRAINING, "trials=2"),
+    "navrl-train-flow": (
+        *("policy=pure_pursuit", "scenario=corridor", "num_worlds=4", "rounds=2", "updates=2"),
+        *("recorder.num_steps=4", "training.batch_size=2", "progress_bar=false"),
+    ),
     "navrl-doctor": ("policy=paper", "training_scan=false"),
     "navrl-replay": ("policy=paper", "duration_s=0.5"),
 }
@@ -110,7 +114,7 @@ OWN_TESTS = {
     "places.md",
 }  # tests of these names
 # These run every night, and what needs their results; by day those of the first job are composed.
-LONG = re.compile(r"navrl-(train|evaluate|search|export|benchmark) |navrl-\w+ -m ")
+LONG = re.compile(r"navrl-(train|train-flow|evaluate|search|export|benchmark) |navrl-\w+ -m ")
 LONG_IN_README = re.compile("navrl-train -m ")
 
 
@@ -200,7 +204,7 @@ def two_jobs(command: str) -> str:
     for key, values in several.items():
         for value in values[1:-1]:
             job = [f"{name}={chosen}" for name, chosen in (first | {key: value}).items()]
-            compose(program.removeprefix("navrl-"), [*fixed, *job])
+            compose(pages.config_name(program), [*fixed, *job])
     last = next(reversed(several))
     kept = {key: values[:1] for key, values in several.items()}
     kept[last] = [several[last][0], several[last][-1]]
@@ -299,7 +303,7 @@ def test_printed_command_has_a_configuration(page, command):
     program, *words = first_job(shortened(command)[0])
     if any(word.startswith("-") for word in words):
         return pages.run(shlex.join([program, *words]), "--cfg", "job")
-    assert compose(program.removeprefix("navrl-"), words)
+    assert compose(pages.config_name(program), words)
 
 
 @pytest.mark.slow

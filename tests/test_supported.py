@@ -37,7 +37,7 @@ def test_the_page_lists_each_package_as_public_or_internal():
 
 
 def test_the_page_lists_each_command():
-    assert set(re.findall(r"`(navrl-\w+)`", section("Commands"))) == PROJECT["scripts"].keys()
+    assert set(re.findall(r"`(navrl-[\w-]+)`", section("Commands"))) == PROJECT["scripts"].keys()
 
 
 def test_the_page_lists_each_config_group():

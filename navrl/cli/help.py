@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import yaml
 
@@ -40,8 +40,8 @@ def help_text(config_name: str) -> str:
     about = [line for line in header if not line.startswith(_EXAMPLE)]
     files = [(text, yaml.compose(text, Loader=yaml.SafeLoader)) for text in _inherited(text)]
     sections = {
-        "Groups, GROUP=OPTION": [entry for file in files for entry in _groups(*file, config_name)],
-        "Keys, KEY=VALUE": [entry for file in files for entry in _keys(*file)],
+        "Groups, GROUP=OPTION": _last(e for file in files for e in _groups(*file, config_name)),
+        "Keys, KEY=VALUE": _last(entry for file in files for entry in _keys(*file)),
         "Policies": _policies([root for _, root in files]),
         "Options": _options(text),
         "Examples" if len(examples) > 1 else "Example": [(line, "") for line in examples],
@@ -60,6 +60,11 @@ def _inherited(text: str) -> list[str]:
     files = [CONF_DIR / "base" / f"{name.removeprefix('base/')}.yaml" for name in names]
     inherited = [_inherited(file.read_text()) for file in files if file.is_file()]
     return [*(found for texts in inherited for found in texts), text]
+
+
+def _last(entries: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return the last entry of each key: a command may change what it inherits."""
+    return list({words.partition("=")[0]: (words, comment) for words, comment in entries}.values())
 
 
 def _groups(text: str, root: yaml.MappingNode, config_name: str) -> list[tuple[str, str]]:

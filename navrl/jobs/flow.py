@@ -86,11 +86,11 @@ def record_rounds(cfg: DictConfig, folder: Path) -> None:
     missing = [number for number, file in enumerate(files) if not file.is_file()]
     if not missing:
         return
-    done = len(files) - len(missing)
+    before = len(files) - len(missing)
     with (
         StopSignals() as signals,
         closing(make_evaluated_policy(cfg)) as driver,
-        progress_bar(len(files), "round", initial=done, enabled=cfg.progress_bar) as bar,
+        progress_bar(len(files), "round", initial=before, enabled=cfg.progress_bar) as bar,
     ):
         recorder = instantiate(cfg.recorder)(driver.env, driver.policy)
         try:
@@ -100,7 +100,7 @@ def record_rounds(cfg: DictConfig, folder: Path) -> None:
                 bar.update()
         except StopRequested:
             assert signals.received is not None
-            done = f"{bar.n} of {len(files)} rounds"
+            done = f"{sum(file.is_file() for file in files)} of {len(files)} rounds"
             raise TrainingStoppedError(signals.received, done, folder, "the same command") from None
 
 

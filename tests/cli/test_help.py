@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 from nightly import mostly
+from pages import config_name
 
 from navrl import __version__
 from navrl.config import CONF_DIR, check_types, compose
@@ -17,7 +18,7 @@ from navrl.config import CONF_DIR, check_types, compose
 ROOT = Path(__file__).parents[2]
 SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
 COMMANDS = sorted(name.removeprefix("navrl-") for name in SCRIPTS)
-CONFIGURED = [name for name in COMMANDS if (CONF_DIR / f"{name}.yaml").is_file()]
+CONFIGURED = [name for name in COMMANDS if (CONF_DIR / f"{config_name(name)}.yaml").is_file()]
 
 
 def shown(command, word, monkeypatch, capsys):
@@ -25,7 +26,7 @@ def shown(command, word, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [f"navrl-{command}", word])
     status = 0
     try:
-        status = importlib.import_module(f"navrl.cli.{command}").main()
+        status = importlib.import_module(f"navrl.cli.{config_name(command)}").main()
     except SystemExit as end:
         status = end.code
     assert not status
@@ -42,7 +43,7 @@ def test_help_opens_with_purpose_and_ends_with_example(command, monkeypatch, cap
 @pytest.mark.parametrize("command", CONFIGURED)
 def test_help_lists_own_keys_with_comments(command, monkeypatch, capsys):
     lines = [line.strip() for line in shown(command, "-h", monkeypatch, capsys).splitlines()]
-    plain = yaml.safe_load((CONF_DIR / f"{command}.yaml").read_text())
+    plain = yaml.safe_load((CONF_DIR / f"{config_name(command)}.yaml").read_text())
     keys = set(plain) - {"defaults", "hydra"}
     listed = lines[lines.index("Keys, KEY=VALUE:") + 1 :]
     listed = [line for line in listed[: listed.index("")] if "=" in line.partition("  ")[0]]
@@ -52,7 +53,8 @@ def test_help_lists_own_keys_with_comments(command, monkeypatch, capsys):
         (first, *_) = (k for k, line in enumerate(lines) if line.startswith((f"{key}=", f"{key}.")))
         assert "  " in lines[first] or lines[first + 1], key  # the comment, perhaps a line below
     groups = [entry for entry in plain["defaults"] if isinstance(entry, dict)]
-    for group in (next(iter(entry)).removeprefix("override ") for entry in groups):
+    names = (next(iter(entry)).removeprefix("override ").removeprefix("/") for entry in groups)
+    for group in names:
         assert group.startswith("hydra/") or any(x.startswith(f"{group}=") for x in lines), group
 
 
@@ -87,6 +89,15 @@ def test_help_shows_default_and_comment(command, line, monkeypatch, capsys):
     assert f"  {line}" in shown(command, "--help", monkeypatch, capsys)
 
 
+def test_help_lists_a_changed_default_once(monkeypatch, capsys):
+    lines = shown("train-flow", "--help", monkeypatch, capsys).splitlines()
+    changed = [line for line in lines if line.startswith(("  policy=", "  pedestrians="))]
+    assert [line.split()[0] for line in changed] == [
+        "pedestrians=mostly_scripted",
+        "policy=navrl-best-places",
+    ]
+
+
 @pytest.mark.parametrize("command", CONFIGURED)
 def test_help_omits_keys_of_other_commands(command, monkeypatch, capsys):
     text = shown(command, "--help", monkeypatch, capsys)
@@ -97,6 +108,7 @@ def test_help_omits_keys_of_other_commands(command, monkeypatch, capsys):
         "export",
         "play",
         "replay",
+        "train-flow",
     )
     assert "callbacks" not in text and "override_dirname" not in text
 
@@ -105,8 +117,8 @@ def test_help_omits_keys_of_other_commands(command, monkeypatch, capsys):
 def test_example_of_help_is_a_valid_command(command, monkeypatch, capsys):
     words = shlex.split(shown(command, "--help", monkeypatch, capsys).splitlines()[-1])[1:]
     overrides = [word for word in words if "=" in word]
-    check_types(command, overrides)
-    assert compose(command, overrides)
+    check_types(config_name(command), overrides)
+    assert compose(config_name(command), overrides)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -54,7 +54,7 @@ def commands(page: Path) -> list[str]:
 
     They are in blocks, or within the text if they have at least one argument.
     """
-    lines = re.findall(r"`(navrl-[a-z]+ [^`]+)`", re.sub(r"(?ms)^```.*?^```", "", page.read_text()))
+    lines = re.findall(r"`(navrl-[a-z-]+ [^`]+)`", re.sub(r"(?ms)^```.*?^```", "", page.read_text()))
     for language in SHELLS:
         for block in blocks(page, language):
             text = re.sub(r"\\\n\s*", " ", block)
@@ -73,9 +73,14 @@ def run(command: str, *extra: str) -> object:
         extra: More words; one that sets what the command sets already takes its place.
     """
     words = arguments(command, extra)
-    module = importlib.import_module(words[0].replace("navrl-", "navrl.cli.", 1))
+    module = importlib.import_module(f"navrl.cli.{config_name(words[0])}")
     with mock.patch.object(sys, "argv", words):
         return module.main()
+
+
+def config_name(program: str) -> str:
+    """Return the name of a command's configuration and module."""
+    return program.removeprefix("navrl-").replace("-", "_")
 
 
 def undrawn() -> AbstractContextManager:
