@@ -156,7 +156,9 @@ def check_flow(cfg: DictConfig) -> None:
         ValueError: If a suite, its data or a reward is chosen.
     """
     for key, value in _overridden(cfg, ("suite", "data", "reward"), "train_flow"):
-        raise ValueError(f"{key}={value}: no effect, navrl-train-flow plays the episodes of scenario")
+        raise ValueError(
+            f"{key}={value}: no effect, navrl-train-flow plays the episodes of scenario"
+        )
 
 
 def check_drawing(cfg: DictConfig) -> None:

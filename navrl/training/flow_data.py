@@ -1,10 +1,11 @@
-"""Training data of the scan flow: aligned past scans with the true velocity of every return."""
+"""Samples of the scan flow: aligned past scans with the true velocity of each return."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,9 +41,11 @@ class FlowSamples:
     velocity: Tensor
 
     def __len__(self) -> int:
+        """Return S."""
         return len(self.returns)
 
     def __getitem__(self, rows: Tensor | slice) -> FlowSamples:
+        """Return the chosen samples."""
         return FlowSamples(*(value[rows] for value in self.tensors().values()))
 
     def tensors(self) -> dict[str, Tensor]:
@@ -84,8 +87,9 @@ class FlowSamples:
         Raises:
             OSError: If writing fails.
         """
+        arrays: dict[str, Any] = {name: value.numpy() for name, value in self.tensors().items()}
         with replacing(file) as stream:
-            np.savez(stream, **{name: value.numpy() for name, value in self.tensors().items()})
+            np.savez(stream, **arrays)
 
     @classmethod
     def load(cls, file: Path) -> FlowSamples:
@@ -99,14 +103,17 @@ class FlowSamples:
         found = {name: str(value.dtype) for name, value in arrays.items()}
         if found != _KINDS:
             raise DamagedFileError(file, f"arrays={found}: must be {_KINDS}", _REMEDY)
-        samples = cls(**{name: torch.from_numpy(value) for name, value in arrays.items()})
-        shape = tuple(samples.returns.shape)
-        for name, axes in {"ranges": (0, 2), "shown": (0, 1), "velocity": (0, 1)}.items():
-            size = tuple(arrays[name].shape)
-            if len(size) != (2 if name == "shown" else 3) or (size[axes[0]], size[axes[1]]) != shape:
-                reason = f"{name}: shape {[*size]} does not fit that of returns, {[*shape]}"
-                raise DamagedFileError(file, reason, _REMEDY)
-        return samples
+        shapes = {name: tuple(value.shape) for name, value in arrays.items()}
+        size = shapes["returns"]
+        wanted = {
+            "ranges": (*size[:1], *shapes["ranges"][1:2], *size[1:]),
+            "returns": size,
+            "shown": size,
+            "velocity": (*size, 2),
+        }
+        if len(size) != 2 or shapes != wanted:
+            raise DamagedFileError(file, f"shapes={shapes}: do not fit each other", _REMEDY)
+        return cls(**{name: torch.from_numpy(value) for name, value in arrays.items()})
 
 
 def polar_velocity(velocity: Tensor, points: Tensor) -> Tensor:

@@ -37,6 +37,7 @@ class FlowLoss:
     beta: float = 0.1
 
     def __post_init__(self) -> None:
+        """Check the values."""
         check_positive(**vars(self))
 
     def is_moving(self, samples: FlowSamples) -> Tensor:

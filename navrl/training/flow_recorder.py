@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import torch
 from tensordict import TensorDictBase
@@ -53,6 +54,7 @@ class FlowRecorder:
         noise: float = 0.3,
         bias: float = 0.5,
     ) -> None:
+        """Check the values, the simulator and the transforms."""
         check_counts(num_steps=num_steps, steps_per_sample=steps_per_sample)
         if num_steps < steps_per_sample:
             raise ValueError(f"num_steps={num_steps}: must be >= steps_per_sample")
@@ -79,8 +81,9 @@ class FlowRecorder:
         """
         env, ended = self.env, torch.zeros(len(scenarios), dtype=torch.bool)
         base_env(env).set_scenarios(scenarios)
-        if hasattr(self.policy, "prepare"):
-            self.policy.prepare(scenarios)
+        prepare = getattr(self.policy, "prepare", None)  # of a controller that plans episodes
+        if prepare is not None:
+            prepare(scenarios)
         vary, found = self._motion(len(scenarios), seed), []
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             carrier = env.reset()
@@ -89,7 +92,7 @@ class FlowRecorder:
                 decided = self.policy(carrier)
                 decided[keys.ACTION] = vary(decided[keys.ACTION], step)
                 carrier = step_mdp(env.step(decided), exclude_action=False)
-                ended |= carrier["done"].flatten().cpu()
+                ended |= cast(Tensor, carrier["done"]).flatten().cpu()
                 if step % self.steps_per_sample == 0:
                     found.append(self._labeled(scan, ended))
                     scan = self._scan(carrier)

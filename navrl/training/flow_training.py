@@ -62,6 +62,7 @@ class FlowTrainer:
         seed: int = 0,
         progress_bar: bool = True,
     ) -> None:
+        """Check the values and prepare the optimizer."""
         check_counts(updates=updates, batch_size=batch_size)
         check_counts(evaluate_every_updates=evaluate_every_updates)
         check_positive(learning_rate=learning_rate)
@@ -143,7 +144,8 @@ class FlowTrainer:
         batch = self.samples[rows].augmented(is_mirrored, shift).to(self._device)
         for group in self._optimizer.param_groups:
             group["lr"] = self._rate
-        loss = self.loss(*self.net(batch.ranges.float(), batch.returns), batch)
+        moving, velocity = self.net(batch.ranges.float(), batch.returns)
+        loss = self.loss(moving, velocity, batch)
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()

@@ -54,7 +54,8 @@ def commands(page: Path) -> list[str]:
 
     They are in blocks, or within the text if they have at least one argument.
     """
-    lines = re.findall(r"`(navrl-[a-z-]+ [^`]+)`", re.sub(r"(?ms)^```.*?^```", "", page.read_text()))
+    text = re.sub(r"(?ms)^```.*?^```", "", page.read_text())
+    lines = re.findall(r"`(navrl-[a-z-]+ [^`]+)`", text)
     for language in SHELLS:
         for block in blocks(page, language):
             text = re.sub(r"\\\n\s*", " ", block)

@@ -58,7 +58,9 @@ def test_training_writes_weights_with_provenance(run):
     assert notes["held_out"] in line and "m/s (90 %)" in line and "\n" not in line
     assert " at commit " in notes["commit"] and notes["command"] in " ".join(sys.argv) + " "
     header = (folder / "metrics.csv").read_text().splitlines()[0]
-    assert header.startswith("frames,updates,train/loss,held_out/loss,held_out/velocity_error_median")
+    assert header.startswith(
+        "frames,updates,train/loss,held_out/loss,held_out/velocity_error_median"
+    )
     rows = list(csv.DictReader((folder / "metrics.csv").open()))
     assert [row["updates"] for row in rows] == ["3", "6"]
     recorded = FlowSamples.joined(map(FlowSamples.load, (folder / "data").iterdir()))

@@ -287,7 +287,7 @@ def test_ranges_equal_ray_casting():
 
 
 @pytest.mark.parametrize("age_s", [0.0, 0.2])
-def test_scan_without_pedestrians_shows_what_is_behind(age_s):
+def test_scan_without_pedestrians_shows_the_walls_behind(age_s):
     worlds, delays = random_worlds(4), Delays(scan_age_s=age_s)
     sim = placed(*worlds, delays=delays)
     empty = placed(*(replace(world, pedestrians=()) for world in worlds), delays=delays)

@@ -117,8 +117,8 @@ def test_recorder_names_unsuitable_parts(overrides, message):
 
 
 def test_recorder_needs_the_pooling_of_raw_scans():
+    steps = "transforms/steps@change.transforms=[odometry_prior,motion_compensation]"
     with pytest.raises(ValueError, match=r"transforms\.min_pool: must pool 'ranges' to 'points'"):
-        steps = "transforms/steps@change.transforms=[odometry_prior,motion_compensation]"
         recorder(overrides=[steps])
 
 
@@ -174,7 +174,7 @@ def test_damaged_samples_are_named(tmp_path):
         FlowSamples.load(file)
     arrays = {name: value.numpy() for name, value in samples.tensors().items()}
     np.savez(file, **{**arrays, "shown": arrays["shown"][:, 1:]})
-    with pytest.raises(DamagedFileError, match=r"a\.npz: shown: shape \[6, 23\] does not fit"):
+    with pytest.raises(DamagedFileError, match=r"a\.npz: shapes=.*'shown': \(6, 23\)"):
         FlowSamples.load(file)
     np.savez(file, **{**arrays, "shown": arrays["velocity"]})
     with pytest.raises(DamagedFileError, match=r"a\.npz: arrays="):

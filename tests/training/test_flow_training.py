@@ -76,7 +76,9 @@ def test_scores_of_a_perfect_and_of_a_wrong_network():
 
 
 def test_same_training_has_the_same_numbers(tmp_path):
-    first, again, other = (trainer(tmp_path / name, seed=seed) for name, seed in zip("abc", (0, 0, 1)))
+    first, again, other = (
+        trainer(tmp_path / name, seed=seed) for name, seed in {"a": 0, "b": 0, "c": 1}.items()
+    )
     assert first.run() == again.run() != other.run()
     assert torch.equal(weights(first), weights(again))
     assert not torch.equal(weights(first), weights(other))
