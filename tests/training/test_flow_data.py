@@ -15,7 +15,7 @@ from navrl.training.flow_data import FlowSamples
 from navrl.training.flow_recorder import FlowRecorder
 from navrl.untrusted import DamagedFileError
 
-WALL_X = 2.3
+WALL_X = 1.9  # m, so near that its returns are within reach of the pedestrian
 
 
 def recorder(num_worlds=1, policy="stand_still", overrides=(), **options):
@@ -69,9 +69,12 @@ def test_first_sample_repeats_the_present_scan():
 
 def test_samples_at_the_end_of_an_episode_are_dropped():
     into = scene(pedestrians=[walker((1.2, 0.0), (-3.0, 0.0))])  # contact in the fifth step
-    samples = recorder().record(pack(into), seed=0)
-    assert len(samples) == 2
-    speed = samples.velocity.float().norm(dim=-1)[samples.shown]
+    aside = scene(pedestrians=[walker((-2.0, 2.0), (2.0, 2.0), speed=0.4)])
+    samples = recorder(2).record(pack(into, aside), seed=0)
+    assert len(samples) == 2 + 5
+    facing = samples[samples.shown[:, 0]]
+    assert len(facing) == 2
+    speed = facing.velocity.float().norm(dim=-1)[facing.shown]
     torch.testing.assert_close(speed, torch.ones_like(speed), atol=2e-3, rtol=0)
 
 
@@ -90,7 +93,7 @@ def test_robots_move_in_four_ways(monkeypatch):
     commands, given[:] = torch.stack(given[:3]), []
     assert torch.equal(commands[:, 0], commands[:, 4])  # worlds 0 and 4 follow the policy
     assert bool((commands[:, 1] != commands[:, 5]).any())
-    assert bool((commands[:, 2, 0] <= commands[:, 0, 0] + 1e-6).all())  # slower
+    assert bool((commands[:, [2, 6], 0] < commands[:, :1, 0] - 0.05).all())  # slower
     offset = commands[:, 3, 1] - commands[:, 0, 1]
     assert float(offset[0]) != 0.0 and float(offset.std()) < 0.5
     again = drives.record(pack(*[scene()] * 8), seed=3)
