@@ -89,7 +89,7 @@ class ScanFlow(nn.Module):
             _circular(channels, channels, kernel_size, dilation) for dilation in dilations
         )
         self.last = nn.Conv1d(channels, 3, 1)
-        self.min_bins = kernel_size // 2 * max(1, *dilations)
+        self.min_bins = kernel_size // 2 * max([1, *dilations])
 
     def forward(self, ranges: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
         """Return whether each return moves, and its velocity.
