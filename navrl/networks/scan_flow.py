@@ -89,7 +89,7 @@ class ScanFlow(nn.Module):
             _circular(channels, channels, kernel_size, dilation) for dilation in dilations
         )
         self.last = nn.Conv1d(channels, 3, 1)
-        self.min_bins = kernel_size // 2 * max(1, *dilations)
+        self.min_bins = kernel_size // 2 * max([1, *dilations])
 
     def forward(self, ranges: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
         """Return whether each return moves, and its velocity.
@@ -108,11 +108,10 @@ class ScanFlow(nn.Module):
         """
         self.check_shapes(ranges.shape, returns.shape)
         features = self._features(ranges.to(self.first.weight.dtype), returns)
-        batch = features.shape[:-2]
-        hidden = torch.relu(self.first(features.reshape(batch.numel(), *features.shape[-2:])))
+        hidden = torch.relu(self.first(features.reshape(-1, *features.shape[-2:])))
         for layer in self.residual:
             hidden = hidden + torch.relu(layer(hidden))
-        found = self.last(hidden).reshape(*batch, 3, features.shape[-1])
+        found = self.last(hidden).reshape(*features.shape[:-2], 3, features.shape[-1])
         moving, radial, tangential = found.unbind(-2)
         return moving, torch.stack([radial, tangential], dim=-1)
 
@@ -127,7 +126,8 @@ class ScanFlow(nn.Module):
             ValueError: If they are other, or a convolution is wider than the scan.
         """
         scans = self.num_scans + 1
-        if tuple(ranges) != (*returns[:-1], scans, *returns[-1:]):
+        expected = [scans, *returns[-1:]]  # not the batch, whose size is free in an exported graph
+        if len(ranges) != len(returns) + 1 or [*ranges[-2:]] != expected:
             raise ValueError(
                 f"ranges, returns: must have shapes [*B, {scans}, N] and [*B, N] for "
                 f"num_scans={self.num_scans}, got {tuple(ranges)} and {tuple(returns)}"

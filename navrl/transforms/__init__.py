@@ -21,6 +21,7 @@ from navrl.transforms.recovery import Recovery
 from navrl.transforms.retreat import Retreat
 from navrl.transforms.returning_waypoints import ReturningWaypoints
 from navrl.transforms.scan_adapter import ScanAdapter
+from navrl.transforms.scan_flow import EstimateFlow
 from navrl.transforms.scan_history import ScanHistory
 from navrl.transforms.stall_timer import StallTimer
 from navrl.transforms.subgoal_action import SubgoalAction
@@ -32,6 +33,7 @@ __all__ = [
     "ActionShield",
     "Base",
     "CommandRateLimit",
+    "EstimateFlow",
     "ForwardSpeeds",
     "GoalPosition",
     "ICPAlign",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -14,23 +13,23 @@ from torch import Tensor
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.deprecation import renamed_arguments
-from navrl.ops.exporting import cumulative_minimum, is_exporting
+from navrl.ops.exporting import is_exporting
 from navrl.ops.motion import (
-    FAR,
     check_commands,
     check_descriptor_speeds,
     moving_points,
-    room_along,
     sample_commands,
 )
 from navrl.transforms.action_map import ActionMap
 from navrl.transforms.base_motion import IDEAL, Base, base_of
 from navrl.transforms.observation_map import Keys, nested_keys
-from navrl.transforms.shield_scene import Scene, check_sizes
-
-_CONTACT_CHECKS = 5  # between two checked times, for the time of a contact that cannot be avoided
-_TOLERANCE = 1e-3
-"""Distances that differ by less than this are equal, m; far below the noise of a range."""
+from navrl.transforms.shield_scene import (
+    DISTANCE_TOLERANCE,
+    Scene,
+    check_grid,
+    checked_times,
+    required_distances,
+)
 
 
 class ActionShield(ActionMap):
@@ -38,9 +37,10 @@ class ActionShield(ActionMap):
 
     A command is simulated for ``horizon``, while points of the scan stay in place or move with the
     velocity of their descriptor. At each checked time a point that approaches the robot's present
-    position must be ``margin`` away from the hull. The other points must be that far too, or, where
-    the nearest of them is within ``margin`` already, no nearer than it is now, and no deeper than
-    ``margin`` in the hull unless they are there. Points that are not finite are no returns.
+    position must be ``moving_margin`` away from the hull. The other points must be ``margin`` away,
+    or, where the nearest of them is within ``margin`` already, no nearer than it is now, and no
+    deeper than ``margin`` in the hull unless they are there. Points that are not finite are no
+    returns. Among points that move, a command is simulated for ``moving_horizon``.
 
     A command that satisfies this passes unchanged. Otherwise it is replaced by the most similar
     command of a grid that does, where similarity is the difference in units of the limits' ranges.
@@ -81,6 +81,10 @@ class ActionShield(ActionMap):
             the steps of the longest delay; read with a base only.
         ahead: Whether points and velocity are those at the time when the command takes effect, of
             :class:`navrl.transforms.MotionPrediction`.
+        moving_margin: Required clearance between hull and points that approach the robot's present
+            position, m; ``None`` for ``margin``.
+        moving_horizon: Time for which a command is simulated among points that move, s, at least
+            ``horizon``, rounded up to a checked time; ``None`` for ``horizon``.
 
     Raises:
         ValueError: If a value is out of range, or later if a key is missing, or the environment has
@@ -123,6 +127,8 @@ class ActionShield(ActionMap):
         base: Base | Literal["environment"] | None = None,
         base_keys: Keys = (keys.VELOCITY, keys.COMMAND),
         ahead: bool = False,
+        moving_margin: float | None = None,
+        moving_horizon: float | None = None,
     ) -> None:
         names = ["points", "returns", "descriptors", "valid"]
         if base is not None:
@@ -141,11 +147,16 @@ class ActionShield(ActionMap):
             checks_per_step=checks_per_step,
         )
         check_commands(margin, min_speed, max_speed)
-        count = check_sizes(horizon, time_step, checks_per_step, num_speeds, num_turn_rates)
+        check_grid(num_speeds, num_turn_rates)
+        self.moving_margin = margin if moving_margin is None else moving_margin
+        if not 0.0 <= self.moving_margin < math.inf:
+            raise ValueError(f"moving_margin={moving_margin}: must be >= 0 (m), and finite")
+        moving_horizon = horizon if moving_horizon is None else moving_horizon
+        self.times = checked_times(horizon, moving_horizon, time_step, checks_per_step)
         self.radius, self.margin, self.time_step = radius, margin, time_step
+        self.horizon = horizon
         self.speed_range = check_descriptor_speeds(min_descriptor_speed, max_descriptor_speed)
         self.group_radius = group_radius
-        self.times = [horizon * (k + 1) / count for k in range(count)]
         grid = sample_commands(min_speed, max_speed, max_turn_rate, num_speeds, num_turn_rates)
         self.register_buffer("_grid", grid, persistent=False)
         self._range = (max_speed - min_speed, 2.0 * max_turn_rate)
@@ -176,7 +187,7 @@ class ActionShield(ActionMap):
     ) -> Tensor:
         scene = self._scene(points, returns, tagd, valid, state)
         asked = command.to(scene.points.dtype)
-        blocked = self._spare(asked.unsqueeze(1), scene)[:, 0] <= 0.0
+        blocked = scene.spare(asked.unsqueeze(1))[:, 0] <= 0.0
         if is_exporting():
             instead = self._most_similar_in_graph(blocked, asked, scene)
             return torch.where(blocked.unsqueeze(-1), instead.to(command.dtype), command)
@@ -208,8 +219,11 @@ class ActionShield(ActionMap):
             points = points + base.scan_age_s / self.time_step * motion
         velocity = state[0] if state else points.new_zeros(points.shape[0], 2)
         given = torch.stack(list(state[1:]), dim=1) if len(state) > 1 else velocity[:, None]
-        required = self._required(points, motion)
-        return Scene(points, motion, required, velocity, given, base, self._times(base))
+        margins = (self.radius, self.margin, self.moving_margin)
+        required = required_distances(points, motion, *margins)
+        times = self._times(base)
+        until = times[-1] - self.times[-1] + self.horizon
+        return Scene(points, motion, required, velocity, given, base, times, until, self.time_step)
 
     def _known_base(self) -> Base:
         if self.base is None:
@@ -224,19 +238,10 @@ class ActionShield(ActionMap):
             self.times[0] * late + time for time in self.times
         ]
 
-    def _required(self, points: Tensor, motion: Tensor) -> Tensor:
-        """Return the required distance of each point from the robot's center, ``[N, P]`` m."""
-        clear = self.radius + self.margin
-        approaches = (points * motion).sum(-1) < 0.0
-        present = points.norm(dim=-1) - _TOLERANCE
-        nearest = torch.where(approaches, FAR, present).amin(-1, keepdim=True)
-        nearest = nearest.clamp_min(self.radius - self.margin)  # what is deeper is no obstacle
-        return torch.where(approaches, clear, torch.minimum(present, nearest).clamp_max(clear))
-
     def _most_similar(self, command: Tensor, scene: Scene) -> Tensor:
         """Return the most similar allowed command for each command, ``[R, 2]``."""
         candidates = self._candidates(command)
-        spare = self._spare(candidates, scene)
+        spare = scene.spare(candidates)
         stuck = (spare.amax(-1) <= 0.0).nonzero()[:, 0]
         if len(stuck):
             spare[stuck] = self._of_latest_contact(spare[stuck], candidates[stuck], scene[stuck])
@@ -250,7 +255,7 @@ class ActionShield(ActionMap):
         candidates = self._candidates(command)
 
         def spare_of(candidates: Tensor) -> Tensor:
-            return self._spare(candidates, scene)
+            return scene.spare(candidates)
 
         def delayed(candidates: Tensor, spare: Tensor, stuck: Tensor) -> Tensor:
             latest = self._of_latest_contact(spare, candidates, scene)
@@ -269,7 +274,7 @@ class ActionShield(ActionMap):
     def _nearest_allowed(self, command: Tensor, candidates: Tensor, spare: Tensor) -> Tensor:
         """Return the candidate most similar to the command among those of enough ``spare``."""
         largest = spare.amax(-1, keepdim=True)
-        enough = torch.where(largest > 0.0, 0.0, largest - _TOLERANCE)
+        enough = torch.where(largest > 0.0, 0.0, largest - DISTANCE_TOLERANCE)
         change = (candidates - command.unsqueeze(1)) / command.new_tensor(self._range)
         nearest = torch.where(spare > enough, change.square().sum(-1), math.inf).argmin(-1)
         return candidates[torch.arange(command.shape[0], device=command.device), nearest]
@@ -279,29 +284,11 @@ class ActionShield(ActionMap):
 
         The requested command, candidate 0, is preferred if it is one of them.
         """
-        outside = scene.points.norm(dim=-1, keepdim=True) > self.radius
-        points = torch.where(outside, scene.points, FAR)  # in contact already
-        step = scene.times[0] / _CONTACT_CHECKS
-        times = [step * (k + 1) for k in range(_CONTACT_CHECKS * len(scene.times))]
-        free = self._room(candidates, replace(scene, points=points), times, None) > self.radius
-        until = cumulative_minimum(free.long()).sum(-1)
+        until = scene.free_checks(candidates, self.radius)
         latest = until == until.amax(-1, keepdim=True)
         spare = torch.where(latest, spare, -math.inf)
         asked = torch.where(latest[:, :1], math.inf, spare[:, :1])
         return torch.cat([asked, spare[:, 1:]], dim=1)
-
-    def _spare(self, commands: Tensor, scene: Scene) -> Tensor:
-        """Return the smallest distance beyond the required one over the horizon, ``[N, S]`` m."""
-        return self._room(commands, scene, scene.times, scene.required).amin(-1)
-
-    def _room(
-        self, commands: Tensor, scene: Scene, times: Sequence[float], required: Tensor | None
-    ) -> Tensor:
-        """Return the distance to the nearest point at each of T times, ``[N, S, T]`` m."""
-        motion = (scene.velocity, scene.given, times, self.time_step)
-        places = scene.base.places(commands, *motion)
-        steps = [time / self.time_step for time in times]
-        return room_along(places, scene.points, scene.motion, steps, required)
 
 
 def _zeros(candidates: Tensor) -> Tensor:

@@ -52,6 +52,8 @@ class TransformContract:
     is_memoryless = True
     # Entries that a step reads from its caller, if there are any.
     state_keys = ()
+    # Whether it has weights, which are neither trained nor saved.
+    has_constants = False
     # Between batches of another size; torch rounds differently at the tail of its vectors.
     tolerance = 0.0
 
@@ -211,7 +213,8 @@ class TransformContract:
             assert copy.parent is None
             assert_same(copy(inputs.clone()), expected, transform.out_keys)
         assert not list(transform.parameters())
-        assert not list(transform.buffers())
+        assert bool(list(transform.buffers())) is self.has_constants
+        assert not transform.state_dict()
         env.close()
 
     @pytest.mark.parametrize("device", DEVICES)

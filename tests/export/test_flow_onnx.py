@@ -1,0 +1,89 @@
+"""A policy with the scan flow is one file too: its network and its shield have an ONNX form."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from navrl.config import compose
+from navrl.jobs.exporting import export
+from navrl.networks import ScanFlow
+from navrl.networks.scan_flow import save_scan_flow
+from navrl.transforms import ActionShield, EstimateFlow
+
+pytest.importorskip("onnxscript", reason="needs the extra onnx")
+onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+
+NAMES = ["action", "points", "returns", "flow_ranges"]
+
+
+@pytest.fixture(scope="module")
+def loud(tmp_path_factory):
+    """A file of a network without training that gives many returns a large velocity."""
+    torch.manual_seed(0)
+    net = ScanFlow(channels=8)
+    net.last.weight.data *= 12.0
+    file = tmp_path_factory.mktemp("flow") / "loud.safetensors"
+    save_scan_flow(net, file)
+    return file
+
+
+def scenes(count):
+    """Commands, points, returns and past ranges; the robot is in the free part of a noisy room."""
+    generator = torch.Generator().manual_seed(5)
+    bearing = torch.arange(60) * (2.0 * math.pi / 60)
+    ranges = 0.3 + 2.0 * torch.rand(count, 6, 60, generator=generator)
+    around = torch.stack([bearing.cos(), bearing.sin()], dim=-1)
+    points = ranges[:, 0, :, None] * around
+    returns = torch.rand(count, 60, generator=generator) < 0.3
+    turn = torch.rand(count, generator=generator) - 0.5
+    action = torch.stack([torch.rand(count, generator=generator), turn], dim=-1)
+    return action, points, returns, ranges
+
+
+def test_graph_shields_as_the_transforms(loud, tmp_path):
+    import onnx_ir
+
+    from navrl.export.writing import _converted
+
+    flow = EstimateFlow(loud)
+    shield = ActionShield(
+        num_speeds=3,
+        num_turn_rates=5,
+        group_radius=0.05,
+        max_descriptor_speed=2.5,
+        moving_margin=0.2,
+        moving_horizon=0.8,
+    )
+
+    class Graph(torch.nn.Module):
+        def forward(self, action, points, returns, ranges):
+            seen = flow.map_values(points, returns, ranges)
+            return shield.command(action, points, returns, *seen), *seen
+
+    given = scenes(40)
+    examples = [value[:1] for value in given]
+    model = _converted(Graph(), NAMES, examples, ["command", "flow", "flow_valid"])
+    onnx_ir.save(model, tmp_path / "shield.onnx")
+    session = onnxruntime.InferenceSession(
+        tmp_path / "shield.onnx", providers=["CPUExecutionProvider"]
+    )
+    inputs = {name: value.numpy() for name, value in zip(NAMES, given, strict=True)}
+    command, places, valid = session.run(None, inputs)
+    seen = flow.map_values(*given[1:])
+    np.testing.assert_allclose(places, seen[0].numpy(), rtol=0.0, atol=1e-5)
+    np.testing.assert_array_equal(valid, seen[1].numpy())
+    expected = shield.command(*given[:3], *seen)
+    np.testing.assert_allclose(command, expected.numpy(), rtol=0.0, atol=1e-5)
+    same = ActionShield(num_speeds=3, num_turn_rates=5, group_radius=0.05)
+    plain = same.command(*given[:3], *seen)
+    assert (expected != given[0]).any() and (expected != plain).any()
+
+
+@pytest.mark.slow
+def test_file_of_a_policy_with_the_flow_drives(loud, tmp_path):
+    """The writer compares 100 recorded steps with the runner, and fails beyond 1e-5."""
+    words = ["policy=navrl-best-places", "+transforms/steps@change.transforms=flow_shield"]
+    words += [f"+change.transforms.flow.weights={loud}", "num_threads=1"]
+    assert export(compose("export", words), tmp_path / "flow.onnx") < 1e-5

@@ -1,0 +1,132 @@
+"""The steps of the scan flow in pipelines of bundles, controllers and trainings."""
+
+import numpy as np
+import pytest
+import torch
+
+from navrl import keys
+from navrl.config import compose, instantiate
+from navrl.deploy import PolicyRunner
+from navrl.envs.transformed import base_env
+from navrl.evaluation.recorder import record_episode
+from navrl.factory import make_evaluated_policy
+from navrl.factory.policy import make_runner
+from navrl.factory.training import deployed
+from navrl.jobs.changed_bundle import export_bundle
+from navrl.networks import ScanFlow
+from navrl.networks.scan_flow import save_scan_flow
+from navrl.policies import load_bundle
+from navrl.transforms import ActionShield, EstimateFlow, ICPAlign, RangeHistory, Recovery
+from navrl.worlds import ScenarioBatch
+
+STEPS = "+transforms/steps@change.transforms"
+FLOW_KEYS = ["points", "returns", "flow", "flow_valid"]
+CASES = [
+    ("navrl-best-places", "flow_shield"),
+    ("paper", "flow_shield"),
+    ("navrl-best-places", "[recovery,odometry_prior,flow_shield]"),
+    ("paper", "[base_shield,flow_shield]"),
+    ("navrl-best-predictive", "flow_shield"),
+    ("dwa", "flow_shield"),
+]
+
+
+@pytest.fixture(scope="module")
+def loud(tmp_path_factory):
+    """A file of a network without training that gives many returns a large velocity."""
+    torch.manual_seed(0)
+    net = ScanFlow()
+    net.last.weight.data *= 12.0
+    file = tmp_path_factory.mktemp("flow") / "loud.safetensors"
+    save_scan_flow(net, file)
+    return file
+
+
+def config(policy, steps, *words):
+    return compose("evaluate", [f"policy={policy}", "num_worlds=2", f"{STEPS}={steps}", *words])
+
+
+def index(steps, kind, **values):
+    """Return the place of the last step of a class with these attributes."""
+    (*_, place) = (
+        place
+        for place, step in enumerate(steps)
+        if isinstance(step, kind) and all(getattr(step, k) == v for k, v in values.items())
+    )
+    return place
+
+
+@pytest.mark.parametrize("policy, steps", CASES)
+def test_shield_reads_the_flow_in_any_pipeline(policy, steps):
+    env = make_evaluated_policy(config(policy, steps, "suite=smoke")).env
+    chain = list(env.transform)
+    history = index(chain, RangeHistory, out_keys=[keys.FLOW_POINTS, keys.FLOW_RANGES])
+    flow, shield = index(chain, EstimateFlow), index(chain, ActionShield)
+    assert index(chain, ICPAlign) < history < flow < shield
+    assert chain[shield].scan_keys[:4] == FLOW_KEYS and chain[history].num_scans == 5
+    assert chain[shield].times[-1] == pytest.approx(1.2)
+    if "base_shield" in steps or policy == "navrl-best-predictive":
+        assert chain[shield].base == "environment"
+    if "recovery" in steps:
+        recovery = chain[index(chain, Recovery)]
+        assert recovery.scan_keys[2:4] == [keys.TAGD, keys.TAGD_VALID]
+        assert chain[index(chain, ICPAlign)].prior == "pose"
+
+
+def test_history_reads_the_covered_bins_as_the_network_does():
+    pooled = "++change.transforms.min_pool.out_keys=[ranges_pooled,points,returns,seen]"
+    seen = "++change.transforms.range_history.in_keys=[points,icp_transform,seen]"
+    fov = "+change.lidar.field_of_view=4.712"
+    cfg = config("navrl-best-places", "flow_shield", "suite=smoke", pooled, seen, fov)
+    env = make_evaluated_policy(cfg).env
+    (history,) = (s for s in env.transform if keys.FLOW_RANGES in s.out_keys)
+    assert history.in_keys == ["points", "icp_transform", "seen"]
+    base_env(env).set_scenarios(ScenarioBatch.pack(instantiate(cfg.suite).scenarios([1, 2])))
+    assert env.reset()[keys.FLOW].isfinite().all()
+
+
+def test_flow_is_deployed_with_a_trained_policy():
+    step = "+transforms/steps@deployment.transforms=flow_shield"
+    cfg = compose("train", ["experiment=paper", step])
+    assert "flow" not in cfg.transforms
+    chain = list(instantiate(deployed(cfg).transforms))
+    assert isinstance(chain[-1], ActionShield) and isinstance(chain[-2], EstimateFlow)
+    replaced = ["experiment=navrl-best-places", step.removeprefix("+")]
+    assert deployed(compose("train", replaced)).transforms.action_shield.scan_keys == FLOW_KEYS
+
+
+def test_bundle_with_the_flow_is_saved_without_weights(tmp_path):
+    words = ["policy=paper", "format=bundle", f"{STEPS}=flow_shield"]
+    export_bundle(compose("export", words), tmp_path / "flow")
+    saved = load_bundle(tmp_path / "flow").config["transforms"]
+    assert saved["flow"]["weights"] is None and saved["action_shield"]["scan_keys"] == FLOW_KEYS
+    assert len([*(tmp_path / "flow").glob("*.safetensors")]) == 1  # of the actor
+    runner = PolicyRunner.from_bundle(tmp_path / "flow")
+    command = runner.act([3.0] * 1440, pose=(0.0, 0.0, 0.0), path=[(0.0, 0.0), (4.0, 0.0)])
+    assert np.isfinite(command).all()
+
+
+def test_missing_weights_are_named(tmp_path):
+    words = f"change.transforms.flow.weights={tmp_path / 'none'}"
+    with pytest.raises(Exception, match="none: must be a file of save_scan_flow"):
+        make_evaluated_policy(config("paper", "flow_shield", "suite=smoke", words))
+
+
+def test_runner_with_the_flow_drives_as_in_simulation(loud):
+    words = ["suite=smoke", f"change.transforms.flow.weights={loud}"]
+    cfg = config("navrl-best-places", "flow_shield", *words, "num_worlds=1")
+    played = make_evaluated_policy(cfg)
+    scenario = instantiate(cfg.suite).scenarios([1])[0]
+    episode = record_episode(played.env, played.policy, scenario)
+    runner = make_runner(cfg)
+    for _ in range(2):  # and again after a reset
+        commands = [
+            runner.act(episode.ranges[step], episode.pose[step], episode.path)
+            for step in range(episode.num_steps)
+        ]
+        np.testing.assert_allclose(commands, episode.action, atol=1e-5)
+        runner.reset()
+    words[1] = "change.transforms.flow.threshold=0.999"  # nothing moves
+    static = make_evaluated_policy(config("navrl-best-places", "flow_shield", *words))
+    other = record_episode(static.env, static.policy, scenario)
+    assert not np.array_equal(other.action, episode.action)
