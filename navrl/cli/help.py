@@ -78,7 +78,8 @@ def _groups(text: str, root: yaml.MappingNode, config_name: str) -> list[tuple[s
         name = name.removeprefix("/")
         names = ", ".join(_group_options(name.partition("@")[0], config_name))
         if names and not name.startswith("hydra/"):
-            found.append((f"{name}={value.value}", _joined(names, _comment(text, value))))
+            default = text[value.start_mark.index : value.end_mark.index]
+            found.append((f"{name}={default}", _joined(names, _comment(text, value))))
     return found
 
 

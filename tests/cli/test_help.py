@@ -81,6 +81,7 @@ def test_help_lists_inherited_groups_and_keys(command, monkeypatch, capsys):
         ("train", "sweep=null                      ablation, baselines, seeds"),
         ("train", "validation.seed=1_000_003       seed of its scenarios"),
         ("train", "hydra.run.dir=FOLDER            folder of the results; outputs/train/TIME if"),
+        ("train", "logger=[tensorboard]            "),
         ("plot", "source=???                      required; folder or file"),
         ("benchmark", "effort=standard                 quick, standard"),
     ],

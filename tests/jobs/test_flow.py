@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
 from pages import exit_status
 from safetensors import safe_open
 
@@ -65,6 +66,17 @@ def test_training_writes_weights_with_provenance(run):
     assert [row["updates"] for row in rows] == ["3", "6"]
     recorded = FlowSamples.joined(map(FlowSamples.load, (folder / "data").iterdir()))
     assert recorded.ranges.shape[1:] == (6, 180) and bool(recorded.shown.any())
+
+
+@pytest.mark.parametrize("steps", ["", "[flow]"])
+def test_network_is_trained_on_the_scans_that_it_reads(steps):
+    chosen = [f"transforms/steps@change.transforms={steps}"] if steps else []
+    trained = compose("train_flow", chosen).change.transforms
+    used = compose("evaluate", ["+transforms/steps@change.transforms=flow"]).change.transforms
+    names = set(used.flow_history) - {"num_scans"}
+    plain = [OmegaConf.to_container(one.flow_history, resolve=False) for one in (trained, used)]
+    assert all(plain[0][name] == plain[1][name] for name in names)
+    assert trained.flow is None and ("icp_align" in trained) == (not steps)
 
 
 def test_same_command_has_the_same_numbers(run, tmp_path):

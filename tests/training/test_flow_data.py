@@ -120,7 +120,7 @@ def test_recorder_names_unsuitable_parts(overrides, message):
 
 
 def test_recorder_needs_the_pooling_of_raw_scans():
-    steps = "transforms/steps@change.transforms=[odometry_prior,motion_compensation]"
+    steps = "transforms/steps@change.transforms=[flow,odometry_prior,motion_compensation]"
     with pytest.raises(ValueError, match=r"transforms\.min_pool: must pool 'ranges' to 'points'"):
         recorder(overrides=[steps])
 
