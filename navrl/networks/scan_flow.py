@@ -26,10 +26,10 @@ _MIN_RANGE_M = 0.2  # of the inverse range, which gives the angular size of a bo
 
 
 class ScanFlow(nn.Module):
-    """Estimate the motion of every return from aligned past scans, by convolutions over bearings.
+    """Estimate the motion of every return from aligned past scans.
 
-    Static obstacles have the same range in all aligned scans, moving ones do not. The convolutions
-    are circular and have the same weights at all bearings, so the network needs no position.
+    Static obstacles have the same range in all aligned scans, moving ones do not. Convolutions over
+    the bearings, around the full circle, detect the difference.
 
     Args:
         num_scans: Number of past scans K.
@@ -61,6 +61,7 @@ class ScanFlow(nn.Module):
         dilations: Sequence[int] = (1, 2, 4, 1),
         max_range: float = 3.5,
     ) -> None:
+        """Check the arguments and build the layers."""
         super().__init__()
         check_counts(num_scans=num_scans, channels=channels, kernel_size=kernel_size)
         check_positive(max_range=max_range)

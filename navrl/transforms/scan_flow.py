@@ -62,6 +62,7 @@ class EstimateFlow(ObservationMap):
         in_keys: Keys = (keys.POINTS, keys.RETURNS, keys.FLOW_RANGES),
         out_keys: Keys = (keys.FLOW, keys.FLOW_VALID),
     ) -> None:
+        """Check the arguments and load the network."""
         super().__init__(in_keys, out_keys)
         check_positive(time_step=time_step)
         if not (is_finite(threshold) and 0.0 < threshold < 1.0):
@@ -93,7 +94,7 @@ class EstimateFlow(ObservationMap):
 
 
 def _make_constant(network: nn.Module) -> None:
-    """Turn parameters into buffers that are moved between devices, but neither trained nor saved.
+    """Turn parameters into buffers, which are neither trained nor saved.
 
     Args:
         network: Network, modified in place.
