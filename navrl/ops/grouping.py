@@ -105,7 +105,9 @@ def tagd(
     previous_points = torch.where(previous_returns.unsqueeze(-1), previous_points, 0.0)
     center = group_centers(points, returns, num_groups, max_range)
     now, has_now = group_centroids(points, returns, center, group_radius)
-    previous, has_previous = group_centroids(previous_points, previous_returns, center, group_radius)
+    previous, has_previous = group_centroids(
+        previous_points, previous_returns, center, group_radius
+    )
 
     fill_now = center if empty_now == "center" else torch.zeros_like(center)
     now = torch.where(has_now.unsqueeze(-1), now, fill_now)

@@ -37,6 +37,7 @@ def track_groups(
     :func:`navrl.ops.grouping.tagd`, in each past scan where the mean motion so far leads from the
     last position. The displacement in one step is the slope of the line fitted to all positions by
     least squares, so it is the mean motion of a pedestrian whose legs stand and swing in turn.
+    Above about 1.2 m/s the legs may be farther apart than 0.6 m, and a track may follow one leg.
 
     Args:
         points: ``[*B, N, 2]`` m, scan t in the robot frame at t.
@@ -170,7 +171,8 @@ def _check_shapes(points: Tensor, moving: Tensor, past: Tensor) -> None:
             f"moving: must be bool of shape {tuple(points.shape[:-1])}, "
             f"got {moving.dtype} of shape {tuple(moving.shape)}"
         )
-    if (*past.shape[:-3], *past.shape[-2:]) != points.shape or past.shape[-3] < 1:
+    same = past.ndim > 2 and (*past.shape[:-3], *past.shape[-2:]) == points.shape
+    if not same or past.shape[-3] < 1:
         raise ValueError(
             f"past: must have shape [*B, K, N, 2] with the points' {tuple(points.shape)} and "
             f"K of at least 1, got {tuple(past.shape)}"
