@@ -100,9 +100,18 @@ def _present(points: Tensor, returns: Tensor) -> Tensor:
 def _started(
     points: Tensor, present: Tensor, start: Tensor, radius: float, gate: float
 ) -> tuple[Tensor, Tensor]:
-    """Return where mean shift starts, ``[*B, G, 2]`` m, and whether a point is near, ``[*B, G]``.
+    """Return the start of mean shift and whether a point is near.
 
-    The start is ``start`` if a point is within ``radius``, else the nearest one within ``gate``.
+    Args:
+        points: ``[*B, N, 2]`` m.
+        present: ``[*B, N]`` bool; the other points are ignored.
+        start: ``[*B, G, 2]`` m, the start if a point is within ``radius`` of it, else it is the
+            nearest point within ``gate``.
+        radius: Distance in m.
+        gate: The same.
+
+    Returns:
+        ``[*B, G, 2]`` m, and ``[*B, G]`` bool, whether a point is within ``gate``.
     """
     squared = torch.where(present.unsqueeze(-2), squared_distances(points, start), FAR**2)
     nearest, index = squared.min(dim=-1, keepdim=True)

@@ -27,7 +27,7 @@ from navrl.transforms.observation_map import (
 
 
 class AlignedHistory(Transform):
-    """Base class of transforms whose outputs depend on points of past scans in the current frame.
+    """Base class of transforms that read points of past scans in the current frame.
 
     As in :class:`navrl.transforms.ScanHistory` the past is stored in the TensorDict: a step reads
     the points and their past from the root and moves both to the frame at t. A subclass defines the
@@ -48,6 +48,7 @@ class AlignedHistory(Transform):
     PAST: int
 
     def __init__(self, in_keys: Keys, out_keys: Keys, num_scans: int) -> None:
+        """Check the number of scans."""
         super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
         check_counts(num_scans=num_scans)
         self.num_scans = num_scans

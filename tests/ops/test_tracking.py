@@ -64,7 +64,7 @@ def test_legs_that_stand_and_swing_have_the_speed_of_the_body(speed, phase):
     assert (found - torch.tensor([speed, 0.0])).norm() < 0.3
 
 
-def test_pedestrians_who_pass_each_other_are_apart():
+def test_passing_pedestrians_have_tracks_of_their_own():
     scans = [torch.cat([disc(1.5 - 0.2 * k, 0.5), disc(1.5 + 0.2 * k, -0.5)]) for k in range(SCANS)]
     result = tracks(scans)
     for y, velocity in ((0.5, 1.0), (-0.5, -1.0)):
