@@ -7,6 +7,7 @@ import torch
 from contract import TransformContract
 from lidar_envs import RoomEnv
 from tensordict import TensorDict
+from torchrl.envs import Compose, TransformedEnv
 
 from navrl import keys
 from navrl.networks import ScanFlow
@@ -85,8 +86,6 @@ class TestTrackFlow(TransformContract):
         return {"radius": 0.5, "gate": 0.5}
 
     def specs(self):
-        from torchrl.envs import Compose, TransformedEnv
-
         return TransformedEnv(RoomEnv(4, num_beams=48), Compose(*self.before())).observation_spec
 
 
@@ -122,6 +121,28 @@ def test_velocity_is_that_of_the_positions_not_of_the_flow(turn):
     ahead = torch.tensor([math.cos(5 * turn), -math.sin(5 * turn)])
     torch.testing.assert_close(now, (2.0 * ahead).expand_as(now), atol=1e-4, rtol=0.0)
     torch.testing.assert_close(now - before, (0.2 * ahead).expand_as(now), atol=1e-4, rtol=0.0)
+
+
+def test_first_step_has_positions_without_past_or_motion():
+    first = followed([flow_of(1.0)], TrackFlow())
+    assert (first[keys.TRACKS_POINTS] == FAR).all()
+    valid = first[keys.TRACKS_VALID]
+    assert valid[..., 1].any() and not valid[..., 0].any()
+    assert torch.equal(first[keys.TRACKS][..., :2], first[keys.TRACKS][..., 2:])
+
+
+def test_reset_of_one_row_retains_the_past_of_the_other():
+    step = TrackFlow()
+    one = followed([flow_of(1.0 + 0.2 * k) for k in range(3)], step)
+    two = torch.cat([one, one.clone()])
+    mask = torch.tensor([[True], [False]])
+    fresh = two.select(*step.in_keys)
+    after = step._reset(two.clone().set("_reset", mask), fresh)
+    assert (after[keys.TRACKS_POINTS][0] == FAR).all()
+    assert not after[keys.TRACKS_VALID][0, :, 0].any()
+    for key in step.out_keys:
+        assert torch.equal(after[key][1], two[key][1])
+    assert after[keys.TRACKS_VALID][1].all(-1).any()
 
 
 def test_returns_without_flow_are_not_followed():
