@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from contract import TransformContract
+from contract import TransformContract, make_env
 from lidar_envs import RoomEnv
 from tensordict import TensorDict
 from torchrl.envs import Compose, TransformedEnv
@@ -81,6 +81,11 @@ class TestTrackFlow(TransformContract):
         assert observed["tracks"].shape == (4, 12, 4)
         assert observed["tracks_valid"].shape == (4, 12, 2)
         assert observed["tracks_points"].shape == (4, 4, 48, 2)
+
+    def test_state_is_declared(self):
+        """After a reset nothing moves here, so a rollout alone does not need it."""
+        state = make_env(self.steps()).full_state_spec
+        assert all(key in state.keys(True, True) for key in self.state_keys)
 
     def options(self):
         return {"radius": 0.5, "gate": 0.5}
