@@ -104,8 +104,10 @@ def tagd(
     points = torch.where(returns.unsqueeze(-1), points, 0.0)
     previous_points = torch.where(previous_returns.unsqueeze(-1), previous_points, 0.0)
     center = group_centers(points, returns, num_groups, max_range)
-    now, has_now = _centroids(points, returns, center, group_radius)
-    previous, has_previous = _centroids(previous_points, previous_returns, center, group_radius)
+    now, has_now = group_centroids(points, returns, center, group_radius)
+    previous, has_previous = group_centroids(
+        previous_points, previous_returns, center, group_radius
+    )
 
     fill_now = center if empty_now == "center" else torch.zeros_like(center)
     now = torch.where(has_now.unsqueeze(-1), now, fill_now)
@@ -158,17 +160,48 @@ def group_centers(points: Tensor, returns: Tensor, num_groups: int, max_range: f
     return nearest.unsqueeze(-1) * torch.stack([ray.cos(), ray.sin()], dim=-1)
 
 
-def _centroids(
+def group_centroids(
     points: Tensor, returns: Tensor, center: Tensor, radius: float
 ) -> tuple[Tensor, Tensor]:
-    """Return the centroid ``[*B, N_c, 2]`` of each group and whether it has members."""
-    offset_x = points[..., 0].unsqueeze(-2) - center[..., 0].unsqueeze(-1)
-    offset_y = points[..., 1].unsqueeze(-2) - center[..., 1].unsqueeze(-1)
-    squared = offset_x.square_().addcmul_(offset_y, offset_y)
-    member = (squared <= radius**2) & returns.unsqueeze(-2)
+    """Return the centroid of the returns around each center.
+
+    Args:
+        points: ``[*B, N, 2]`` m, finite.
+        returns: ``[*B, N]`` bool; the other points are ignored.
+        center: ``[*B, G, 2]`` m.
+        radius: Distance up to which a return belongs to a center, m.
+
+    Returns:
+        ``[*B, G, 2]`` m, zero without any, and ``[*B, G]`` bool, whether there are any.
+
+    Example:
+        >>> points, center = torch.tensor([[1.0, 0.0], [1.2, 0.0]]), torch.tensor([[1.0, 0.1]])
+        >>> group_centroids(points, torch.tensor([True, True]), center, radius=0.5)[0]
+        tensor([[1.1000, 0.0000]])
+    """
+    member = (squared_distances(points, center) <= radius**2) & returns.unsqueeze(-2)
     count = member.sum(-1)
     total = member.to(points.dtype) @ points
     return total / count.clamp(min=1).unsqueeze(-1), count > 0
+
+
+def squared_distances(points: Tensor, center: Tensor) -> Tensor:
+    """Return the squared distance of each center to each point, by differences of coordinates.
+
+    Args:
+        points: ``[*B, N, 2]`` m.
+        center: ``[*B, G, 2]`` m.
+
+    Returns:
+        ``[*B, G, N]`` m^2.
+
+    Example:
+        >>> squared_distances(torch.tensor([[3.0, 4.0]]), torch.tensor([[0.0, 0.0]]))
+        tensor([[25.]])
+    """
+    offset_x = points[..., 0].unsqueeze(-2) - center[..., 0].unsqueeze(-1)
+    offset_y = points[..., 1].unsqueeze(-2) - center[..., 1].unsqueeze(-1)
+    return offset_x.square_().addcmul_(offset_y, offset_y)
 
 
 def check_grouping(

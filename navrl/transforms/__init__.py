@@ -26,6 +26,7 @@ from navrl.transforms.scan_history import ScanHistory
 from navrl.transforms.stall_timer import StallTimer
 from navrl.transforms.subgoal_action import SubgoalAction
 from navrl.transforms.tagd import TAGD
+from navrl.transforms.track_flow import TrackFlow
 from navrl.transforms.waypoints import Waypoints
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "ScanHistory",
     "StallTimer",
     "SubgoalAction",
+    "TrackFlow",
     "Waypoints",
     "compose",
     "flag_spec",

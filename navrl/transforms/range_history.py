@@ -4,29 +4,17 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import dispatch
 from torch import Tensor
 from torchrl.data import Bounded, Composite, TensorSpec
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.checks import check_counts, check_positive
-from navrl.ops import se2
 from navrl.ops.projection import project_ranges
-from navrl.transforms.observation_map import (
-    Keys,
-    cloned,
-    map_reset_rows,
-    nested_keys,
-    observed_specs,
-    read,
-    read_spec,
-    real_spec,
-    restore_history,
-)
+from navrl.transforms.aligned_history import AlignedHistory
+from navrl.transforms.observation_map import Keys, read, read_spec
 
 
-class RangeHistory(Transform):
+class RangeHistory(AlignedHistory):
     """Transform past scans to the current frame and project them to ranges by bearing.
 
     Static obstacles have the same position in all scans, independent of the robot's motion; moving
@@ -63,6 +51,8 @@ class RangeHistory(Transform):
         :func:`navrl.ops.projection.project_ranges` for the projection.
     """
 
+    TRANSFORM, PAST = 1, 0
+
     def __init__(
         self,
         num_scans: int = 3,
@@ -71,36 +61,23 @@ class RangeHistory(Transform):
         in_keys: Keys = (keys.POINTS, keys.ICP_TRANSFORM),
         out_keys: Keys = (keys.POINTS_HISTORY, keys.RANGES_HISTORY),
     ) -> None:
-        super().__init__(in_keys=nested_keys(in_keys), out_keys=nested_keys(out_keys))
+        super().__init__(in_keys, out_keys, num_scans)
         if len(self.in_keys) not in (2, 3) or len(self.out_keys) != 2:
             raise ValueError(
                 f"RangeHistory: in_keys={self.in_keys}, out_keys={self.out_keys}: must be two each "
                 "(points, transform; past points, ranges), and optionally seen in in_keys"
             )
-        check_counts(num_scans=num_scans, group_size=group_size)
+        check_counts(group_size=group_size)
         check_positive(max_range=max_range)
-        self.num_scans = num_scans
         self.group_size = group_size
         self.max_range = max_range
 
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        points_key, transform_key = self.in_keys[:2]
-        latest = read(self, tensordict, points_key).unsqueeze(-3)
-        older = read(self, tensordict, self.out_keys[0])[..., :-1, :, :]
-        past = torch.cat([latest, older], dim=-3)
-        transform = read(self, next_tensordict, transform_key).unsqueeze(-2)
-        return self._write(next_tensordict, se2.transform_points(transform, past))
+    def _latest(self, tensordict: TensorDictBase) -> Tensor:
+        return read(self, tensordict, self.in_keys[0])
 
-    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+    def _initial(self, tensordict: TensorDictBase) -> Tensor:
         """Fill the missing past with the current scan."""
-        points = read(self, next_tensordict, self.in_keys[0]).unsqueeze(-3)
-        past = points.repeat_interleave(self.num_scans, dim=-3)
-        return self._write(next_tensordict, past)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return map_reset_rows(self, tensordict, tensordict_reset)
+        return self._latest(tensordict).unsqueeze(-3).repeat_interleave(self.num_scans, dim=-3)
 
     def _write(self, tensordict: TensorDictBase, past: Tensor) -> TensorDictBase:
         now = torch.linalg.vector_norm(read(self, tensordict, self.in_keys[0]), dim=-1)
@@ -114,27 +91,11 @@ class RangeHistory(Transform):
         tensordict.set(self.out_keys[1], torch.cat([now, past_ranges], dim=-2))
         return tensordict
 
-    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the past scans of stored data.
-
-        Under ``"next"`` they are computed from the root, also at the end of an episode. At the
-        root, stored past scans are retained. Data without them and without ``"next"`` is treated as
-        initial scans, whose past scans are the current one.
-
-        Raises:
-            ValueError: If the root of a transition lacks the past scans.
-        """
-        return restore_history(self, tensordict)
-
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the past scans to those of the environment."""
-        observation_spec = cloned(observation_spec)
+        observation_spec = super().transform_observation_spec(observation_spec)
         points = read_spec(self, observation_spec, self.in_keys[0])
         *batch, num_points, _ = points.shape
-        observation_spec[self.out_keys[0]] = real_spec(
-            points, *batch, self.num_scans, num_points, 2
-        )
         observation_spec[self.out_keys[1]] = Bounded(
             0.0,
             self.max_range,
@@ -143,13 +104,3 @@ class RangeHistory(Transform):
             device=points.device,
         )
         return observation_spec
-
-    def transform_input_spec(self, input_spec: TensorSpec) -> Composite:
-        """Add the current points and their past to the state spec, because a step reads them."""
-        input_spec = cloned(input_spec)
-        points = read_spec(self, observed_specs(self), self.in_keys[0])
-        *batch, num_points, _ = points.shape
-        state = input_spec["full_state_spec"]
-        state[self.in_keys[0]] = points.clone()
-        state[self.out_keys[0]] = real_spec(points, *batch, self.num_scans, num_points, 2)
-        return input_spec

@@ -10,6 +10,8 @@ from navrl.config import compose
 from navrl.jobs.exporting import export
 from navrl.networks import ScanFlow
 from navrl.networks.scan_flow import save_scan_flow
+from navrl.ops.motion import FAR
+from navrl.ops.tracking import track_groups
 from navrl.transforms import ActionShield, EstimateFlow
 
 pytest.importorskip("onnxscript", reason="needs the extra onnx")
@@ -79,6 +81,36 @@ def test_graph_shields_as_the_transforms(lively, tmp_path):
     same = ActionShield(num_speeds=3, num_turn_rates=5, group_radius=0.05)
     plain = same.command(*given[:3], *seen)
     assert (expected != given[0]).any() and (expected != plain).any()
+
+
+def test_graph_tracks_as_the_transform(tmp_path):
+    import onnx_ir
+
+    from navrl.export.writing import _converted
+
+    class Graph(torch.nn.Module):
+        def forward(self, points, moving, past):
+            return track_groups(points, moving, past)
+
+    generator = torch.Generator().manual_seed(5)
+    _, points, moving, _ = scenes(40)
+    drift = 0.1 * torch.randn(40, 5, 1, 2, generator=generator).cumsum(1)
+    past = points.unsqueeze(1) + drift + 0.02 * torch.randn(40, 5, 60, 2, generator=generator)
+    past = torch.where(torch.rand(40, 5, 60, 1, generator=generator) < 0.5, past, FAR)
+    given = [points, moving, past]
+    names = ["points", "moving", "past"]
+    examples = [value[:1] for value in given]
+    model = _converted(Graph(), names, examples, ["tracks", "tracks_valid"])
+    onnx_ir.save(model, tmp_path / "tracks.onnx")
+    session = onnxruntime.InferenceSession(
+        tmp_path / "tracks.onnx", providers=["CPUExecutionProvider"]
+    )
+    inputs = {name: value.numpy() for name, value in zip(names, given, strict=True)}
+    tracks, valid = session.run(None, inputs)
+    expected = track_groups(*given)
+    np.testing.assert_array_equal(valid, expected.valid.numpy())
+    np.testing.assert_allclose(tracks, expected.tagd.numpy(), rtol=0.0, atol=1e-4)
+    assert 0.1 < valid.mean() < 0.9
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The steps of the scan flow in pipelines of bundles, controllers and trainings."""
+"""The steps of the scan flow and its tracks in pipelines of bundles, controllers and trainings."""
 
 import numpy as np
 import pytest
@@ -16,11 +16,14 @@ from navrl.jobs.changed_bundle import export_bundle
 from navrl.networks import ScanFlow
 from navrl.networks.scan_flow import save_scan_flow
 from navrl.policies import load_bundle
-from navrl.transforms import ActionShield, EstimateFlow, ICPAlign, RangeHistory, Recovery
+from navrl.transforms import ActionShield, EstimateFlow, ICPAlign, RangeHistory, Recovery, TrackFlow
 from navrl.worlds import ScenarioBatch
 
 STEPS = "+transforms/steps@change.transforms"
+TRACK_KEYS = ["points", "returns", "tracks", "tracks_valid"]
 FLOW_KEYS = ["points", "returns", "flow", "flow_valid"]
+SHIELD = "++change.transforms.action_shield"
+OF_THE_NETWORK = [f"{SHIELD}.scan_keys={FLOW_KEYS}", f"{SHIELD}.group_radius=0.05"]
 CASES = [
     ("navrl-best-places", "flow_shield"),
     ("paper", "flow_shield"),
@@ -57,13 +60,15 @@ def index(steps, kind, **values):
 
 
 @pytest.mark.parametrize("policy, steps", CASES)
-def test_shield_reads_the_flow_in_any_pipeline(policy, steps):
+def test_shield_reads_the_tracks_in_any_pipeline(policy, steps):
     env = make_evaluated_policy(config(policy, steps, "suite=smoke")).env
     chain = list(env.transform)
     history = index(chain, RangeHistory, out_keys=[keys.FLOW_POINTS, keys.FLOW_RANGES])
-    flow, shield = index(chain, EstimateFlow), index(chain, ActionShield)
-    assert index(chain, ICPAlign) < history < flow < shield
-    assert chain[shield].scan_keys[:4] == FLOW_KEYS and chain[history].num_scans == 5
+    flow, tracks = index(chain, EstimateFlow), index(chain, TrackFlow)
+    shield = index(chain, ActionShield)
+    assert index(chain, ICPAlign) < history < flow < tracks < shield
+    assert chain[shield].scan_keys[:4] == TRACK_KEYS
+    assert chain[history].num_scans == chain[tracks].num_scans == 5
     assert chain[shield].times[-1] == pytest.approx(1.2)
     if "base_shield" in steps or policy == "navrl-best-predictive":
         assert chain[shield].base == "environment"
@@ -89,17 +94,18 @@ def test_flow_is_deployed_with_a_trained_policy():
     step = "+transforms/steps@deployment.transforms=flow_shield"
     cfg = compose("train", ["experiment=paper", step])
     assert "flow" not in cfg.transforms
-    chain = list(instantiate(deployed(cfg).transforms))
-    assert isinstance(chain[-1], ActionShield) and isinstance(chain[-2], EstimateFlow)
+    *_, flow, tracks, shield = instantiate(deployed(cfg).transforms)
+    assert isinstance(flow, EstimateFlow) and isinstance(tracks, TrackFlow)
+    assert isinstance(shield, ActionShield)
     replaced = ["experiment=navrl-best-places", step.removeprefix("+")]
-    assert deployed(compose("train", replaced)).transforms.action_shield.scan_keys == FLOW_KEYS
+    assert deployed(compose("train", replaced)).transforms.action_shield.scan_keys == TRACK_KEYS
 
 
 def test_bundle_with_the_flow_is_saved_without_weights(tmp_path):
     words = ["policy=paper", "format=bundle", f"{STEPS}=flow_shield"]
     export_bundle(compose("export", words), tmp_path / "flow")
     saved = load_bundle(tmp_path / "flow").config["transforms"]
-    assert saved["flow"]["weights"] is None and saved["action_shield"]["scan_keys"] == FLOW_KEYS
+    assert saved["flow"]["weights"] is None and saved["action_shield"]["scan_keys"] == TRACK_KEYS
     assert len([*(tmp_path / "flow").glob("*.safetensors")]) == 1  # of the actor
     runner = PolicyRunner.from_bundle(tmp_path / "flow")
     command = runner.act([3.0] * 1440, pose=(0.0, 0.0, 0.0), path=[(0.0, 0.0), (4.0, 0.0)])
@@ -112,8 +118,15 @@ def test_missing_weights_are_named(tmp_path):
         make_evaluated_policy(config("paper", "flow_shield", "suite=smoke", words))
 
 
-def test_runner_with_the_flow_drives_as_in_simulation(lively):
-    words = ["suite=smoke", f"change.transforms.flow.weights={lively}"]
+def test_tracks_are_a_step_without_a_shield():
+    chain = list(make_evaluated_policy(config("paper", "tracks", "suite=smoke")).env.transform)
+    assert index(chain, EstimateFlow) < index(chain, TrackFlow)
+    assert not any(isinstance(step, ActionShield) for step in chain)
+
+
+@pytest.mark.parametrize("read", [[], OF_THE_NETWORK], ids=["tracks", "flow"])
+def test_runner_with_the_flow_drives_as_in_simulation(read, lively):
+    words = ["suite=smoke", f"change.transforms.flow.weights={lively}", *read]
     cfg = config("navrl-best-places", "flow_shield", *words, "num_worlds=1")
     played = make_evaluated_policy(cfg)
     scenario = instantiate(cfg.suite).scenarios([1])[0]
