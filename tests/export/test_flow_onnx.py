@@ -116,6 +116,6 @@ def test_graph_tracks_as_the_transform(tmp_path):
 @pytest.mark.slow
 def test_file_of_a_policy_with_the_flow_drives(lively, tmp_path):
     """The writer compares 100 recorded steps with the runner, and fails beyond 1e-5."""
-    words = ["policy=navrl-best-places", "+transforms/steps@change.transforms=flow_shield"]
+    words = ["policy=navrl-best-places", "+transforms/steps@change.transforms=track_shield"]
     words += [f"+change.transforms.flow.weights={lively}", "num_threads=1"]
     assert export(compose("export", words), tmp_path / "flow.onnx") < 1e-5

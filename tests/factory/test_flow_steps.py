@@ -22,15 +22,13 @@ from navrl.worlds import ScenarioBatch
 STEPS = "+transforms/steps@change.transforms"
 TRACK_KEYS = ["points", "returns", "tracks", "tracks_valid"]
 FLOW_KEYS = ["points", "returns", "flow", "flow_valid"]
-SHIELD = "++change.transforms.action_shield"
-OF_THE_NETWORK = [f"{SHIELD}.scan_keys={FLOW_KEYS}", f"{SHIELD}.group_radius=0.05"]
 CASES = [
-    ("navrl-best-places", "flow_shield"),
-    ("paper", "flow_shield"),
-    ("navrl-best-places", "[recovery,odometry_prior,flow_shield]"),
-    ("paper", "[base_shield,flow_shield]"),
-    ("navrl-best-predictive", "flow_shield"),
-    ("dwa", "flow_shield"),
+    ("navrl-best-places", "track_shield"),
+    ("paper", "track_shield"),
+    ("navrl-best-places", "[recovery,odometry_prior,track_shield]"),
+    ("paper", "[base_shield,track_shield]"),
+    ("navrl-best-predictive", "track_shield"),
+    ("dwa", "track_shield"),
 ]
 
 
@@ -78,11 +76,20 @@ def test_shield_reads_the_tracks_in_any_pipeline(policy, steps):
         assert chain[index(chain, ICPAlign)].prior == "pose"
 
 
+def test_flow_shield_reads_the_flow_without_tracks():
+    env = make_evaluated_policy(config("paper", "flow_shield", "suite=smoke")).env
+    chain = list(env.transform)
+    shield = chain[index(chain, ActionShield)]
+    assert shield.scan_keys == FLOW_KEYS and shield.group_radius == 0.05
+    assert not any(isinstance(step, TrackFlow) for step in chain)
+    assert shield.times[-1] == pytest.approx(1.2)
+
+
 def test_history_reads_the_covered_bins_as_the_network_does():
     pooled = "++change.transforms.min_pool.out_keys=[ranges_pooled,points,returns,seen]"
     seen = "++change.transforms.range_history.in_keys=[points,icp_transform,seen]"
     fov = "+change.lidar.field_of_view=4.712"
-    cfg = config("navrl-best-places", "flow_shield", "suite=smoke", pooled, seen, fov)
+    cfg = config("navrl-best-places", "track_shield", "suite=smoke", pooled, seen, fov)
     env = make_evaluated_policy(cfg).env
     (history,) = (s for s in env.transform if keys.FLOW_RANGES in s.out_keys)
     assert history.in_keys == ["points", "icp_transform", "seen"]
@@ -91,7 +98,7 @@ def test_history_reads_the_covered_bins_as_the_network_does():
 
 
 def test_flow_is_deployed_with_a_trained_policy():
-    step = "+transforms/steps@deployment.transforms=flow_shield"
+    step = "+transforms/steps@deployment.transforms=track_shield"
     cfg = compose("train", ["experiment=paper", step])
     assert "flow" not in cfg.transforms
     *_, flow, tracks, shield = instantiate(deployed(cfg).transforms)
@@ -102,7 +109,7 @@ def test_flow_is_deployed_with_a_trained_policy():
 
 
 def test_bundle_with_the_flow_is_saved_without_weights(tmp_path):
-    words = ["policy=paper", "format=bundle", f"{STEPS}=flow_shield"]
+    words = ["policy=paper", "format=bundle", f"{STEPS}=track_shield"]
     export_bundle(compose("export", words), tmp_path / "flow")
     saved = load_bundle(tmp_path / "flow").config["transforms"]
     assert saved["flow"]["weights"] is None and saved["action_shield"]["scan_keys"] == TRACK_KEYS
@@ -115,7 +122,7 @@ def test_bundle_with_the_flow_is_saved_without_weights(tmp_path):
 def test_missing_weights_are_named(tmp_path):
     words = f"change.transforms.flow.weights={tmp_path / 'none'}"
     with pytest.raises(Exception, match="none: must be a file of save_scan_flow"):
-        make_evaluated_policy(config("paper", "flow_shield", "suite=smoke", words))
+        make_evaluated_policy(config("paper", "track_shield", "suite=smoke", words))
 
 
 def test_tracks_are_a_step_without_a_shield():
@@ -124,10 +131,10 @@ def test_tracks_are_a_step_without_a_shield():
     assert not any(isinstance(step, ActionShield) for step in chain)
 
 
-@pytest.mark.parametrize("read", [[], OF_THE_NETWORK], ids=["tracks", "flow"])
-def test_runner_with_the_flow_drives_as_in_simulation(read, lively):
-    words = ["suite=smoke", f"change.transforms.flow.weights={lively}", *read]
-    cfg = config("navrl-best-places", "flow_shield", *words, "num_worlds=1")
+@pytest.mark.parametrize("steps", ["track_shield", "flow_shield"])
+def test_runner_with_the_flow_drives_as_in_simulation(steps, lively):
+    words = ["suite=smoke", f"change.transforms.flow.weights={lively}"]
+    cfg = config("navrl-best-places", steps, *words, "num_worlds=1")
     played = make_evaluated_policy(cfg)
     scenario = instantiate(cfg.suite).scenarios([1])[0]
     episode = record_episode(played.env, played.policy, scenario)
@@ -140,6 +147,6 @@ def test_runner_with_the_flow_drives_as_in_simulation(read, lively):
         np.testing.assert_allclose(commands, episode.action, atol=1e-5)
         runner.reset()
     words[1] = "change.transforms.flow.threshold=0.999"  # nothing moves
-    static = make_evaluated_policy(config("navrl-best-places", "flow_shield", *words))
+    static = make_evaluated_policy(config("navrl-best-places", steps, *words))
     other = record_episode(static.env, static.policy, scenario)
     assert not np.array_equal(other.action, episode.action)
