@@ -324,8 +324,9 @@ def test_users_config_folder_needs_no_edit(tmp_path, monkeypatch):
         "from torchrl.envs import Transform\n\n\nclass Jitter(Transform):\n    pass\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "my_package", raising=False)  # other tests have one too
     try:
         pages.run(MINE, *SHORTER["navrl-train"], "hydra.run.dir=mine")
     finally:
-        sys.modules.pop("my_package", None)  # other tests have one of this name too
+        sys.modules.pop("my_package", None)
     assert "_target_: my_package.Jitter" in Path("mine/config.yaml").read_text()

@@ -21,7 +21,7 @@ def test_printed_commands_run_in_order(tmp_path, monkeypatch):
     for code in pages.blocks(PAGE, "python"):
         exec(compile(code, PAGE.name, "exec"), {"__name__": "snippet"})
     commands = pages.commands(PAGE)
-    assert len(commands) == 10
+    assert len(commands) == 11
     for number, command in enumerate(commands):
         tiny = TINY if command.startswith("navrl-evaluate") else ()
         own = () if "run.dir" in command or not tiny else (f"hydra.run.dir=run_{number}",)
