@@ -10,11 +10,13 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig
 
+from navrl import keys
 from navrl.checks import check_counts, is_finite
 from navrl.config import instantiate
 from navrl.factory.environment import make_device
 from navrl.factory.overrides import check_flow
 from navrl.factory.policy import make_evaluated_policy
+from navrl.networks import ScanFlow
 from navrl.networks.scan_flow import save_scan_flow
 from navrl.progress_bar import progress_bar
 from navrl.training.flow_data import FlowSamples
@@ -50,7 +52,7 @@ def train_flow(cfg: DictConfig, folder: Path) -> str:
     record_command(folder)
     torch.manual_seed(cfg.seed)
     net = instantiate(cfg.flow).to(make_device(cfg))
-    record_rounds(cfg, folder)
+    record_rounds(cfg, folder, net)
     rounds = [FlowSamples.load(file) for file in _files(cfg, folder)]
     samples = FlowSamples.joined(rounds[:-num_held_out])
     held_out = FlowSamples.joined(rounds[-num_held_out:])
@@ -69,7 +71,7 @@ def train_flow(cfg: DictConfig, folder: Path) -> str:
     return f"held out: {figures}; {file}"
 
 
-def record_rounds(cfg: DictConfig, folder: Path) -> None:
+def record_rounds(cfg: DictConfig, folder: Path, net: ScanFlow) -> None:
     """Record the rounds of episodes that are missing in ``folder/data``.
 
     A round depends on the seed and its number only.
@@ -77,6 +79,7 @@ def record_rounds(cfg: DictConfig, folder: Path) -> None:
     Args:
         cfg: A composed ``conf/train_flow.yaml``.
         folder: Run folder.
+        net: Network that the recorded scans have to fit.
 
     Raises:
         TrainingStoppedError: If a signal was received; recorded rounds are retained.
@@ -93,6 +96,8 @@ def record_rounds(cfg: DictConfig, folder: Path) -> None:
         progress_bar(len(files), "round", initial=before, enabled=cfg.progress_bar) as bar,
     ):
         recorder = instantiate(cfg.recorder)(driver.env, driver.policy)
+        specs = driver.env.full_observation_spec
+        net.check_shapes(specs[keys.FLOW_RANGES].shape, specs[keys.RETURNS].shape)
         try:
             for number, scenarios in _scenarios(cfg, missing):
                 with signals.immediate():

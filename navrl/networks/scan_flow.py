@@ -37,6 +37,9 @@ class ScanFlow(nn.Module):
         kernel_size: Bins of each convolution, odd.
         dilations: Spacing of the kernel of each residual layer, in bins.
         max_range: Range scaled to 1, m.
+        time_step: Time between two scans of the training, s; the velocity is that of scans so far
+            apart.
+        num_bins: Number of bins N of the training, the only one accepted; ``None`` for any.
 
     Raises:
         ValueError: If an argument is out of range, or the network has too many parameters.
@@ -60,11 +63,14 @@ class ScanFlow(nn.Module):
         kernel_size: int = 7,
         dilations: Sequence[int] = (1, 2, 4, 1),
         max_range: float = 3.5,
+        time_step: float = 0.2,
+        num_bins: int | None = None,
     ) -> None:
         """Check the arguments and build the layers."""
         super().__init__()
         check_counts(num_scans=num_scans, channels=channels, kernel_size=kernel_size)
-        check_positive(max_range=max_range)
+        check_counts(num_bins=num_bins)
+        check_positive(max_range=max_range, time_step=time_step)
         for index, dilation in enumerate(dilations):
             check_counts(**{f"dilations[{index}]": dilation})
         if not kernel_size % 2:
@@ -78,12 +84,15 @@ class ScanFlow(nn.Module):
                 f"are {size:,}"
             )
         self.num_scans, self.max_range = num_scans, max_range
+        self.time_step, self.num_bins = time_step, num_bins
         self.arguments: dict[str, Any] = {
             "num_scans": num_scans,
             "channels": channels,
             "kernel_size": kernel_size,
             "dilations": [*dilations],
             "max_range": max_range,
+            "time_step": time_step,
+            "num_bins": num_bins,
         }
         self.first = _circular(num_features, channels, kernel_size)
         self.residual = nn.ModuleList(
@@ -132,6 +141,11 @@ class ScanFlow(nn.Module):
             raise ValueError(
                 f"ranges, returns: must have shapes [*B, {scans}, N] and [*B, N] for "
                 f"num_scans={self.num_scans}, got {tuple(ranges)} and {tuple(returns)}"
+            )
+        if self.num_bins is not None and returns[-1] != self.num_bins:
+            raise ValueError(
+                f"ranges: must have {self.num_bins} bins, as in the training of the network, got "
+                f"{returns[-1]}: the number is lidar.num_beams / transforms.min_pool.group_size"
             )
         if returns[-1] < self.min_bins:
             raise ValueError(

@@ -16,6 +16,7 @@ from navrl.ops.grouping import (
 from navrl.ops.motion import FAR
 from navrl.ops.returns import finite_returns
 
+_MAX_GROUPS = 3600  # ten per degree
 _SHIFTS = 3  # iterations of mean shift in each scan
 
 
@@ -167,6 +168,8 @@ def check_tracking(
         ValueError: If an option is out of range; the message names it.
     """
     check_counts(num_groups=num_groups)
+    if num_groups > _MAX_GROUPS:
+        raise ValueError(f"num_groups={num_groups}: must be at most {_MAX_GROUPS}")
     check_positive(radius=radius, gate=gate, max_rms=max_rms, max_range=max_range)
     if gate < radius:
         raise ValueError(f"gate={gate}: must be at least radius={radius} (m)")

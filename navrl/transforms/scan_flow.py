@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torchrl.data import TensorSpec
 
 from navrl import keys
-from navrl.checks import check_positive, is_finite
+from navrl.checks import is_finite
 from navrl.networks.scan_flow import load_scan_flow
 from navrl.ops.returns import finite_returns
 from navrl.transforms.observation_map import Keys, ObservationMap, flag_spec, real_spec
@@ -22,13 +22,13 @@ class EstimateFlow(ObservationMap):
     The outputs have the form of the descriptors of :class:`navrl.transforms.TAGD`, one for each
     return instead of one for each of a few directions, so :class:`navrl.transforms.ActionShield`
     reads either. The network is trained with the simulator's true velocities; it is not part of the
-    policy, whose weights do not include it.
+    policy, whose weights do not include it. What it estimates is the displacement from scan to
+    scan, so the scans may be closer or farther apart in time than those of its training.
 
     Args:
         weights: File of :func:`navrl.networks.scan_flow.save_scan_flow`; ``None`` for the one in
             the package. A saved policy stores the path, not the file.
         threshold: Probability to move above which a return moves, between 0 and 1.
-        time_step: Time between two scans, s.
         in_keys: Points ``[*B, N, 2]`` m and returns ``[*B, N]`` bool of scan t, and the ranges
             ``[*B, K + 1, N]`` m of :class:`navrl.transforms.RangeHistory` with as many past scans
             K as the network has.
@@ -58,16 +58,14 @@ class EstimateFlow(ObservationMap):
         self,
         weights: str | Path | None = None,
         threshold: float = 0.5,
-        time_step: float = 0.2,
         in_keys: Keys = (keys.POINTS, keys.RETURNS, keys.FLOW_RANGES),
         out_keys: Keys = (keys.FLOW, keys.FLOW_VALID),
     ) -> None:
         """Check the arguments and load the network."""
         super().__init__(in_keys, out_keys)
-        check_positive(time_step=time_step)
         if not (is_finite(threshold) and 0.0 < threshold < 1.0):
             raise ValueError(f"threshold={threshold!r}: must be between 0 and 1")
-        self.threshold, self.time_step = threshold, time_step
+        self.threshold = threshold
         self.network = load_scan_flow(weights)
         _make_constant(self.network)
 
@@ -81,7 +79,9 @@ class EstimateFlow(ObservationMap):
         moves = returns & (moving.sigmoid() > self.threshold)
         ahead = now / now.norm(dim=-1, keepdim=True).clamp_min(1e-6)
         left = torch.stack([-ahead[..., 1], ahead[..., 0]], dim=-1)
-        displacement = self.time_step * (velocity[..., :1] * ahead + velocity[..., 1:] * left)
+        displacement = self.network.time_step * (
+            velocity[..., :1] * ahead + velocity[..., 1:] * left
+        )
         previous = torch.where(moves.unsqueeze(-1), now - displacement, now)
         return torch.cat([previous, now], dim=-1), returns.unsqueeze(-1).repeat_interleave(2, -1)
 

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from pages import exit_status
 from safetensors import safe_open
 
-from navrl.config import compose
+from navrl.config import compose, instantiate
 from navrl.jobs import flow
 from navrl.networks.scan_flow import load_scan_flow
 from navrl.training import TrainingStoppedError
@@ -98,7 +98,7 @@ def test_missing_round_is_recorded_again_and_others_are_read(run, tmp_path, monk
 
     monkeypatch.setattr(FlowRecorder, "record", counted)
     (folder / "data" / "round_0001.npz").unlink()
-    flow.record_rounds(cfg, folder)
+    flow.record_rounds(cfg, folder, instantiate(cfg.flow))
     assert seeds == [1] and equal(data(folder), whole)
 
 
@@ -132,9 +132,10 @@ def test_signal_between_rounds_retains_them(tmp_path, monkeypatch):
         return record(self, scenarios, seed)
 
     monkeypatch.setattr(FlowRecorder, "record", stopped)
+    cfg = compose("train_flow", TINY)
     message = "stopped by SIGTERM after 1 of 3 rounds; saved, the same command continues"
     with pytest.raises(TrainingStoppedError, match=message):
-        flow.record_rounds(compose("train_flow", TINY), tmp_path)
+        flow.record_rounds(cfg, tmp_path, instantiate(cfg.flow))
     assert [file.name for file in (tmp_path / "data").iterdir()] == ["round_0000.npz"]
 
 
@@ -164,3 +165,14 @@ def test_command_prints_figures_and_names_errors(run, tmp_path, capsys):
     assert exit_status("navrl-train-flow", *words) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "round_0000.npz: damaged" in line and line.endswith("records it again")
+
+
+@pytest.mark.parametrize(
+    "word, message",
+    [("flow.num_scans=3", "num_scans=3"), ("flow.num_bins=90", r"must have 90 bins.* got 180")],
+)
+def test_network_is_compared_with_the_scans_first(word, message, tmp_path):
+    cfg = compose("train_flow", [*TINY, word])
+    with pytest.raises(ValueError, match=message):
+        flow.record_rounds(cfg, tmp_path, instantiate(cfg.flow))
+    assert not list(tmp_path.rglob("*.npz"))

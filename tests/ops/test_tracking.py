@@ -143,6 +143,7 @@ def test_any_batch_shape():
     "kwargs, message",
     [
         ({"num_groups": 0}, "num_groups=0: must be an integer"),
+        ({"num_groups": 3601}, "num_groups=3601: must be at most 3600"),
         ({"radius": 0.0}, r"radius=0\.0: must be positive"),
         ({"max_rms": math.nan}, "max_rms=nan: must be positive"),
         ({"max_range": -1.0}, r"max_range=-1\.0: must be positive"),

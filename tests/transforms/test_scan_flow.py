@@ -11,7 +11,7 @@ from torchrl.envs import Compose, TransformedEnv
 
 from navrl import keys
 from navrl.networks import ScanFlow
-from navrl.networks.scan_flow import save_scan_flow
+from navrl.networks.scan_flow import load_scan_flow, save_scan_flow
 from navrl.transforms import (
     ActionShield,
     EstimateFlow,
@@ -39,16 +39,31 @@ def constant(tmp_path):
     return write
 
 
+@pytest.fixture(scope="module")
+def any_bins(tmp_path_factory):
+    """A file of the packaged network that accepts scans of any number of bins."""
+    trained = load_scan_flow()
+    net = ScanFlow(**{**trained.arguments, "num_bins": None})
+    net.load_state_dict(trained.state_dict())
+    file = tmp_path_factory.mktemp("flow") / "any.safetensors"
+    save_scan_flow(net, file)
+    return file
+
+
 class TestEstimateFlow(TransformContract):
     tolerance = 1e-5
     has_constants = True
+
+    @pytest.fixture(autouse=True)
+    def _weights(self, any_bins):
+        self.weights = any_bins
 
     def before(self):
         history = RangeHistory(5, group_size=1, out_keys=FLOW_KEYS)
         return [MinPool(group_size=1), ScanHistory(), ICPAlign(metric="point_to_line"), history]
 
     def make(self, **kwargs):
-        return EstimateFlow(**kwargs)
+        return EstimateFlow(self.weights, **kwargs)
 
     def in_foreign_env(self):
         scan = [["scan", "r"], ["scan", "xy"], ["scan", "hit"]]
@@ -60,7 +75,9 @@ class TestEstimateFlow(TransformContract):
             ICPAlign(in_keys=[*past, *scan[1:]], out_keys=aligned),
             RangeHistory(5, 3, 2.5, in_keys=[scan[1], "motion"], out_keys=["old", "ranges"]),
             EstimateFlow(
-                in_keys=[*scan[1:], "ranges"], out_keys=[["flow", "places"], ["flow", "ok"]]
+                self.weights,
+                in_keys=[*scan[1:], "ranges"],
+                out_keys=[["flow", "places"], ["flow", "ok"]],
             ),
         ]
 
@@ -79,9 +96,6 @@ def test_previous_position_follows_from_the_velocity(constant):
     motion = (flow[..., 2:] - flow[..., :2])[0]
     torch.testing.assert_close(motion[0], torch.tensor([0.2, 0.1]))  # ahead
     torch.testing.assert_close(motion[3], torch.tensor([-0.1, 0.2]))  # to the left
-    slower = EstimateFlow(constant(3.0, 1.0, 0.5), time_step=0.1)
-    halved = slower.map_values(points, returns, ranges)[0]
-    torch.testing.assert_close(2.0 * (halved[..., 2:] - halved[..., :2])[0], motion)
 
 
 @pytest.mark.parametrize("threshold, moves", [(0.94, True), (0.96, False)])
@@ -118,10 +132,10 @@ def test_weights_are_neither_trained_nor_saved():
     assert step.to("meta").network.first.weight.device.type == "meta"
 
 
-def test_history_of_another_length_is_an_error():
+def test_history_of_another_length_is_an_error(any_bins):
     def chain(num_scans, num_beams):
         history = RangeHistory(num_scans, group_size=1, out_keys=FLOW_KEYS)
-        steps = [MinPool(group_size=1), ScanHistory(), ICPAlign(), history, EstimateFlow()]
+        steps = [MinPool(group_size=1), ScanHistory(), ICPAlign(), history, EstimateFlow(any_bins)]
         return TransformedEnv(RoomEnv(2, num_beams=num_beams), Compose(*steps))
 
     with pytest.raises(ValueError, match=r"num_scans=5, got \(2, 4, 48\) and \(2, 48\)"):
@@ -137,9 +151,28 @@ def test_bad_threshold_is_named(threshold):
         EstimateFlow(threshold=threshold)
 
 
-def test_bad_time_step_and_weights_are_named(tmp_path):
-    with pytest.raises(ValueError, match=r"time_step=0\.0: must be positive"):
-        EstimateFlow(time_step=0.0)
+def test_displacement_is_that_of_the_training(constant, tmp_path):
+    """The network sees displacements from scan to scan, at any time between two scans."""
+    torch.manual_seed(0)
+    net = ScanFlow(num_scans=2, kernel_size=3, dilations=(1,))
+    slow = ScanFlow(num_scans=2, kernel_size=3, dilations=(1,), time_step=0.4)
+    slow.load_state_dict(net.state_dict())
+    flows = []
+    for part in (net, slow):
+        part.last.bias.data[0] = 100.0
+        save_scan_flow(part, tmp_path / "net.safetensors")
+        flow = EstimateFlow(tmp_path / "net.safetensors").map_values(*circle(1))[0]
+        flows.append(flow[..., 2:] - flow[..., :2])
+    torch.testing.assert_close(2.0 * flows[0], flows[1])
+    assert flows[0].abs().max() > 0.0
+
+
+def test_other_numbers_of_bins_are_errors():
+    with pytest.raises(ValueError, match=r"must have 180 bins, as in the training.* got 90"):
+        load_scan_flow().check_shapes([1, 6, 90], [1, 90])
+
+
+def test_missing_weights_are_named(tmp_path):
     with pytest.raises(ValueError, match="no_such_file: must be a file of save_scan_flow"):
         EstimateFlow(weights=str(tmp_path / "no_such_file"))
 
