@@ -169,7 +169,10 @@ def test_command_prints_figures_and_names_errors(run, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     "word, message",
-    [("flow.num_scans=3", "num_scans=3"), ("flow.num_bins=90", r"must have 90 bins.* got 180")],
+    [
+        ("change.transforms.flow_history.num_scans=4", "num_scans=5, got"),
+        ("flow.num_bins=90", r"must have 90 bins.* got 180"),
+    ],
 )
 def test_network_is_compared_with_the_scans_first(word, message, tmp_path):
     cfg = compose("train_flow", [*TINY, word])
