@@ -44,6 +44,7 @@ def scenes(count):
     return action, points, returns, ranges
 
 
+@pytest.mark.slow
 def test_graph_shields_as_the_transforms(lively, tmp_path):
     import onnx_ir
 

@@ -52,7 +52,7 @@ class TestTrackFlow(TransformContract):
             ScanHistory(in_keys=scan[1:], out_keys=past),
             ICPAlign(in_keys=[*past, *scan[1:]], out_keys=aligned),
             RangeHistory(5, 3, 2.5, in_keys=[scan[1], "motion"], out_keys=["old", "ranges"]),
-            EstimateFlow(in_keys=[*scan[1:], "ranges"], out_keys=flow),
+            EstimateFlow(self.file, in_keys=[*scan[1:], "ranges"], out_keys=flow),
             TrackFlow(in_keys=[*flow, "motion"], out_keys=[["tracks", "xy"], "ok", "moving"]),
         ]
 
