@@ -110,3 +110,18 @@ def pytest_collection_modifyitems(config, items):
         for marker, reason in skips.items():
             if reason and marker in item.keywords:
                 item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@pytest.fixture(scope="session")
+def lively(tmp_path_factory):
+    """A file of a scan flow without training, by which about half of the returns move at 1 m/s."""
+    import torch
+
+    from navrl.networks.scan_flow import ScanFlow, save_scan_flow
+
+    torch.manual_seed(0)
+    net = ScanFlow()
+    net.last.bias.data[0] -= 1.0
+    file = tmp_path_factory.mktemp("flow") / "lively.safetensors"
+    save_scan_flow(net, file)
+    return file

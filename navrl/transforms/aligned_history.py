@@ -6,27 +6,24 @@ from abc import abstractmethod
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import dispatch
 from torch import Tensor
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import Transform
 
 from navrl.checks import check_counts
 from navrl.ops import se2
 from navrl.transforms.observation_map import (
     Keys,
     cloned,
-    map_reset_rows,
     nested_keys,
     observed_specs,
     read,
     read_spec,
     real_spec,
-    restore_history,
 )
+from navrl.transforms.stateful import StatefulTransform
 
 
-class AlignedHistory(Transform):
+class AlignedHistory(StatefulTransform):
     """Base class of transforms that read points of past scans in the current frame.
 
     As in :class:`navrl.transforms.ScanHistory` the past is stored in the TensorDict: a step reads
@@ -73,24 +70,6 @@ class AlignedHistory(Transform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         return self._write(next_tensordict, self._initial(next_tensordict))
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return map_reset_rows(self, tensordict, tensordict_reset)
-
-    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the past scans of stored data.
-
-        Under ``"next"`` they are computed from the root, also at the end of an episode. At the
-        root, stored past scans are retained. Data without them and without ``"next"`` is treated as
-        initial scans.
-
-        Raises:
-            ValueError: If the root of a transition lacks the past scans.
-        """
-        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the spec of the past scans to those of the environment."""

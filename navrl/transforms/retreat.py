@@ -6,10 +6,8 @@ import math
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import dispatch
 from torch import Tensor
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.checks import check_counts, check_positive, is_finite
@@ -21,16 +19,15 @@ from navrl.ops.subgoal import free_distance
 from navrl.transforms.observation_map import (
     Keys,
     cloned,
-    map_reset_rows,
     nested_keys,
     observed_specs,
     read,
     read_spec,
     real_spec,
-    restore_history,
     world_values,
 )
 from navrl.transforms.stall_timer import has_stalled
+from navrl.transforms.stateful import StatefulTransform
 
 _STEP_M = 0.1  # m between the points of the path that are considered
 _WINDOW_M = 4.0  # m of the path behind and ahead of the progress, from which a retreat keeps away
@@ -38,7 +35,7 @@ _HINT_M = 0.01  # m, length of a waypoint that only says where to turn
 _RETREATS, _PAUSES = 1.0, 2.0  # of the third column of the state
 
 
-class Retreat(Transform):
+class Retreat(StatefulTransform):
     """Lead a robot aside whose path is blocked, e.g. by a waiting pedestrian.
 
     A retreat begins if the robot has not made progress for ``patience``, and a return is in the
@@ -248,20 +245,6 @@ class Retreat(Transform):
         hint = first * (_HINT_M / length.clamp_min(_HINT_M))
         stay = torch.cat([hint, torch.zeros_like(waypoints[..., 1:, :])], dim=-2)
         return torch.where(waits[..., None, None], stay, target.unsqueeze(-2))
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return map_reset_rows(self, tensordict, tensordict_reset)
-
-    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Map data outside an environment; stored values at the root are retained.
-
-        Raises:
-            ValueError: If the root of a transition lacks the stored values.
-        """
-        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the outputs to those of the environment."""

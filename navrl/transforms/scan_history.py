@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from tensordict import TensorDictBase
-from tensordict.nn import dispatch
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.transforms.observation_map import (
     Keys,
     cloned,
-    map_reset_rows,
     nested_keys,
     observed_specs,
     read,
     read_spec,
-    restore_history,
 )
+from navrl.transforms.stateful import StatefulTransform
 
 
-class ScanHistory(Transform):
+class ScanHistory(StatefulTransform):
     """Add the entries of time t-1 to those of time t.
 
     Previous values are stored in the TensorDict, not in the transform: the value at t-1 is read
@@ -74,24 +71,6 @@ class ScanHistory(Transform):
         for now, previous in zip(self.in_keys, self.out_keys, strict=True):
             next_tensordict.set(previous, read(self, next_tensordict, now).clone())
         return next_tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return map_reset_rows(self, tensordict, tensordict_reset)
-
-    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Restore the previous entries (time t-1) of stored data.
-
-        Under ``"next"`` they are the current entries of the root, also at the end of an episode. At
-        the root, stored previous entries are retained. Data without them and without ``"next"`` is
-        treated as initial scans, whose previous entries are the current ones.
-
-        Raises:
-            ValueError: If the root of a transition lacks the previous entries.
-        """
-        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the specs of the previous entries to those of the environment."""

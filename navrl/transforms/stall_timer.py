@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import dispatch
 from torch import Tensor
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.checks import check_positive
 from navrl.transforms.observation_map import (
     Keys,
     cloned,
-    map_reset_rows,
     nested_keys,
     observed_specs,
     read,
     read_spec,
     real_spec,
-    restore_history,
 )
+from navrl.transforms.stateful import StatefulTransform
 
 
-class StallTimer(Transform):
+class StallTimer(StatefulTransform):
     """Measure the time since the robot last made progress on its path.
 
     The largest progress and the time since it was reached are passed from step to step in the
@@ -107,20 +104,6 @@ class StallTimer(Transform):
         progress = read(self, next_tensordict, self.in_keys[0])
         start = torch.cat([progress, torch.zeros_like(progress)], dim=-1)
         return next_tensordict.set(self.out_keys[0], start)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return map_reset_rows(self, tensordict, tensordict_reset)
-
-    @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Map data outside an environment; stored values at the root are retained.
-
-        Raises:
-            ValueError: If the root of a transition lacks the stored value.
-        """
-        return restore_history(self, tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> Composite:
         """Add the spec of the stall to those of the environment."""

@@ -7,7 +7,6 @@ from tensordict import TensorDictBase
 from tensordict.nn import dispatch
 from torch import Tensor
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import Transform
 
 from navrl import keys
 from navrl.checks import check_counts, check_positive
@@ -17,7 +16,6 @@ from navrl.ops.path_search import check_window
 from navrl.transforms.observation_map import (
     Keys,
     cloned,
-    map_reset_rows,
     nested_keys,
     observed_specs,
     read,
@@ -26,9 +24,10 @@ from navrl.transforms.observation_map import (
     require_history,
     world_values,
 )
+from navrl.transforms.stateful import StatefulTransform
 
 
-class Waypoints(Transform):
+class Waypoints(StatefulTransform):
     """Compute the next points of the global path in the robot frame.
 
     The projection of the robot on the path is passed from step to step in the TensorDict and
@@ -102,11 +101,6 @@ class Waypoints(Transform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         """Search the whole path, as after a reset."""
         return self._write(next_tensordict, None)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return map_reset_rows(self, tensordict, tensordict_reset)
 
     @dispatch(source="in_keys", dest="out_keys", auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

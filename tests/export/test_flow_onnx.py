@@ -8,8 +8,6 @@ import torch
 
 from navrl.config import compose
 from navrl.jobs.exporting import export
-from navrl.networks import ScanFlow
-from navrl.networks.scan_flow import save_scan_flow
 from navrl.ops.motion import FAR
 from navrl.ops.tracking import track_groups
 from navrl.transforms import ActionShield, EstimateFlow
@@ -18,17 +16,6 @@ pytest.importorskip("onnxscript", reason="needs the extra onnx")
 onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 NAMES = ["action", "points", "returns", "flow_ranges"]
-
-
-@pytest.fixture(scope="module")
-def lively(tmp_path_factory):
-    """A file of a network without training, by which about half of the returns move at 1 m/s."""
-    torch.manual_seed(0)
-    net = ScanFlow()
-    net.last.bias.data[0] -= 1.0
-    file = tmp_path_factory.mktemp("flow") / "lively.safetensors"
-    save_scan_flow(net, file)
-    return file
 
 
 def scenes(count):

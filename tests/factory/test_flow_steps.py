@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from navrl import keys
 from navrl.config import compose, instantiate
@@ -13,8 +12,6 @@ from navrl.factory import make_evaluated_policy
 from navrl.factory.policy import make_runner
 from navrl.factory.training import deployed
 from navrl.jobs.changed_bundle import export_bundle
-from navrl.networks import ScanFlow
-from navrl.networks.scan_flow import save_scan_flow
 from navrl.policies import load_bundle
 from navrl.transforms import ActionShield, EstimateFlow, ICPAlign, RangeHistory, Recovery, TrackFlow
 from navrl.worlds import ScenarioBatch
@@ -30,17 +27,6 @@ CASES = [
     ("navrl-best-predictive", "track_shield"),
     ("dwa", "track_shield"),
 ]
-
-
-@pytest.fixture(scope="module")
-def lively(tmp_path_factory):
-    """A file of a network without training, by which about half of the returns move at 1 m/s."""
-    torch.manual_seed(0)
-    net = ScanFlow()
-    net.last.bias.data[0] -= 1.0
-    file = tmp_path_factory.mktemp("flow") / "lively.safetensors"
-    save_scan_flow(net, file)
-    return file
 
 
 def config(policy, steps, *words):
